@@ -1,0 +1,1 @@
+"""The runtime: messages, topics, transport and clock seams, ledger, the Robot and Fusion state machines."""

@@ -1,0 +1,123 @@
+"""The seam to a robot's body: what it moves with and what it senses with, simulated, recorded or real.
+
+A *kind* is what a mission names (`vehicle = { kind = "quadrotor", ... }`). It is found through the entry
+points searchparty.vehicles, .sensors and .worlds, says what its table may hold, and makes both the model
+that the estimator and the planners reason with and the device that the driver runs.
+"""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Protocol
+
+import msgspec
+
+from estimator.arrays import FloatArray
+from estimator.filter import Area
+from estimator.sensor import SensorModel
+from planner.plan import Trajectory, VehicleModel
+
+
+class World(Protocol):
+    """What is really there. Only simulated or recorded devices and the scoreboard look at it."""
+
+    def targets(self, time: float) -> FloatArray:
+        """True target positions (d, n) at a team time."""
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceContext:
+    """What a device is made with."""
+
+    robot: str
+    seed: int
+    area: Area
+    world: World
+    start: FloatArray  # (4,) pose at the mission's start
+    speed: float = 1.0  # team seconds per wall second
+    extra: dict[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleState:
+    """What a vehicle reports of itself."""
+
+    time: float
+    pose: FloatArray  # (4,)
+    velocity: FloatArray  # (3,)
+    state: FloatArray  # (n,) as its model wants it for prediction
+    travelled: float  # metres since the start
+    arrived: bool  # at the waypoint last given, or none was given
+
+
+class Vehicle(ABC):
+    """A body that moves towards waypoints. Never blocks."""
+
+    follows_plans: bool = True  # False: it goes its own way (a recording), and nobody plans for it
+
+    @abstractmethod
+    def state(self, now: float) -> VehicleState:
+        """How the vehicle is at team time `now`; calls come with growing times."""
+
+    @abstractmethod
+    def follow(self, trajectory: Trajectory | None, now: float) -> None:
+        """Go this way from now on; None: hold here."""
+
+    def close(self) -> None:
+        """Let go of what it holds open."""
+
+
+class Sensor(ABC):
+    """A device that returns measurement sets."""
+
+    @abstractmethod
+    def measure(self, now: float, pose: FloatArray) -> FloatArray:
+        """The measurement set (m, s) taken at team time `now` from pose (4,)."""
+
+    def next_capture(self, after: float) -> float | None:
+        """When the device itself will have the next set (a recording, a camera); None: whenever asked."""
+        return None
+
+    def close(self) -> None:
+        """Let go of what it holds open."""
+
+
+class VehicleKind(Protocol):
+    """A vehicle that a mission can name."""
+
+    Config: ClassVar[type[msgspec.Struct]]
+
+    @staticmethod
+    def model(config: Any, area: Area) -> VehicleModel:
+        """How it moves, for prediction."""
+
+    @staticmethod
+    def device(config: Any, context: DeviceContext) -> Vehicle:
+        """The vehicle itself.
+
+        Raises:
+            DataError, LinkError: if it cannot be had.
+        """
+
+
+class SensorKind(Protocol):
+    """A sensor that a mission can name."""
+
+    Config: ClassVar[type[msgspec.Struct]]  # has period_s
+
+    @staticmethod
+    def model(config: Any, area: Area) -> SensorModel:
+        """p_D, g and c, for filters and planners."""
+
+    @staticmethod
+    def device(config: Any, context: DeviceContext) -> Sensor:
+        """The sensor itself."""
+
+
+class WorldKind(Protocol):
+    """A world that a mission can name."""
+
+    Config: ClassVar[type[msgspec.Struct]]
+
+    @staticmethod
+    def world(config: Any, area: Area, seed: int) -> World:
+        """The world of one seed."""

@@ -1,0 +1,124 @@
+"""What travels between the processes of a team.
+
+Every message carries the schema version, team, sender, boot id (new at each start of a process), sequence
+number (per sender, boot and topic) and capture time in team time. Arrays have fixed shapes, checked on
+receipt by `codec.decode`; d is the dimension of the target space.
+"""
+
+from typing import Annotated, Any
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+Array = np.ndarray[Any, np.dtype[Any]]
+
+SCHEMA_VERSION = 1
+
+Name = Annotated[str, Meta(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9_.-]+$")]
+Text = Annotated[str, Meta(max_length=2000)]
+Sequence = Annotated[int, Meta(ge=0, le=2**53)]
+
+
+class Message(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The header that all messages share."""
+
+    version: int = SCHEMA_VERSION
+    team: Name
+    sender: Name
+    boot: Name
+    sequence: Sequence
+    time: float  # capture time, team seconds
+
+
+class StartMessage(Message, frozen=True, kw_only=True):
+    """From the fusion, about once a second: when the team started, so that anyone can join."""
+
+    epoch: float  # Unix seconds of team time 0
+    speed: Annotated[float, Meta(gt=0, le=1e4)]
+    seed: int
+    mission_hash: Annotated[str, Meta(max_length=64)]
+
+
+class PoseMessage(Message, frozen=True, kw_only=True):
+    """Where a robot is and what it is doing."""
+
+    pose: Array  # (4,)
+    velocity: Array  # (3,)
+    state: Annotated[str, Meta(max_length=32)]
+    travelled: float  # metres since the start of the process
+
+
+class MeasurementSetMessage(Message, frozen=True, kw_only=True):
+    """All measurements of one sensor at one instant, also when there are none."""
+
+    pose: Array  # (4,) of the robot at the capture time
+    measurements: Array  # (m, s)
+
+
+class PlanMessage(Message, frozen=True, kw_only=True):
+    """A committed trajectory, and the plans of others that it took into account."""
+
+    plan_version: Sequence
+    waypoint: Array  # (3,)
+    start_time: float
+    end_time: float
+    measure_times: Array  # (m,)
+    measure_poses: Array  # (m, 4)
+    times: Array  # (k,)
+    poses: Array  # (k, 4)
+    conditioned_on: dict[str, int]  # robot -> plan_version
+    objective: float
+    reason: Text
+
+
+class Watermark(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What of one robot's boot is durable and applied: all of 0..upto, and each of beyond."""
+
+    upto: Annotated[int, Meta(ge=-1)]
+    beyond: list[int] = []
+
+
+class PosteriorMessage(Message, frozen=True, kw_only=True):
+    """The team's estimate after everything the watermark covers. `time` is of the newest applied set."""
+
+    watermark: dict[str, Watermark]  # "robot/boot" ->
+    applied: Sequence  # measurement sets in the posterior
+    expected_cardinality: float  # mass of the intensity plus found targets
+    means: Array  # (d, c) clusters
+    covariances: Array  # (c, d, d)
+    masses: Array  # (c,)
+    radii: Array  # (c,)
+    found: Array  # (d, f) found targets
+    found_times: Array  # (f,)
+
+
+class PictureMessage(Message, frozen=True, kw_only=True):
+    """The slow, large part of the posterior: exploration function and thinned intensity."""
+
+    exploration: Array  # (g1, ..., gd) uint8, 255 = unexplored
+    points: Array  # (d, k) float32
+    weights: Array  # (k,) float32
+
+
+class HealthMessage(Message, frozen=True, kw_only=True):
+    """How a process is. Counters only grow; histograms are those of `agents.histogram`."""
+
+    role: Annotated[str, Meta(max_length=32)]
+    state: Annotated[str, Meta(max_length=32)]
+    counters: dict[str, int]
+    gauges: dict[str, float]
+    histograms: dict[str, Array]
+
+
+class EventMessage(Message, frozen=True, kw_only=True):
+    """Something a person may want to read."""
+
+    level: Annotated[str, Meta(pattern="^(info|warning|error)$")]
+    text: Text
+
+
+class TruthMessage(Message, frozen=True, kw_only=True):
+    """Where the targets really are. For the viewer and the scoreboard; robots and fusion never read it."""
+
+    targets: Array  # (d, n)

@@ -1,0 +1,140 @@
+"""The mission: one TOML file that says who searches where for what, and how.
+
+These are its tables. Tables whose `kind` names a plugin (world, filter, planner, vehicle, sensor, link) are
+kept as plain dictionaries here and checked against the plugin's own `Config` by `agents.mission_file`.
+"""
+
+from typing import Annotated, Any, Literal
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from agents.messages import Name
+from estimator.arrays import Count, FloatArray, NonNegative, Positive
+from estimator.filter import Area
+
+Table = dict[str, Any]
+Vector = Annotated[list[float], Meta(min_length=2, max_length=3)]
+
+
+class Strict(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A table in which an unknown key is an error."""
+
+
+class AreaTable(Strict, frozen=True, kw_only=True):
+    """The box in which targets may be, metres east, north (and up)."""
+
+    min: Vector
+    max: Vector
+
+
+class FoundTable(Strict, frozen=True, kw_only=True):
+    """When a cluster counts as a found target, (MA)ASI section 3.3."""
+
+    radius_m: Positive = 1.1  # T_r
+    mass: Positive = 0.8  # T_m
+    gate_m: Positive = 5.0  # T_z
+
+
+class ExplorationTable(Strict, frozen=True, kw_only=True):
+    """The grid of the exploration function, (MA)ASI (20)."""
+
+    points: Annotated[list[Count], Meta(min_length=2, max_length=3)] = [27, 27]
+
+
+class TriggerTable(Strict, frozen=True, kw_only=True):
+    """Event-triggered measurements, (MA)ASI (24), (33)."""
+
+    enabled: bool = False
+    gamma: NonNegative = 1.0
+    threshold: NonNegative = 4.0  # T_delta
+
+
+class FusionTable(Strict, frozen=True, kw_only=True):
+    """How the fusion treats time."""
+
+    rollback_s: NonNegative = 5.0  # sets later than this are not put in their place
+    late_sets: Literal["apply", "expire"] = "apply"  # beyond it: apply at the end, or count as expired
+    picture_period_s: Positive = 1.0
+
+
+class LinkTable(Strict, frozen=True, kw_only=True):
+    """The team's network."""
+
+    kind: str = "zenoh"
+    topology: Literal["star", "mesh", "router"] = "star"
+    endpoints: list[str] = []  # mesh: rendezvous to listen on and connect to; router: where the router is
+    lease_s: Positive = 2.0
+
+
+class TeamTable(Strict, frozen=True, kw_only=True):
+    """What holds for all robots."""
+
+    separation_m: NonNegative = 0.0
+    pose_period_s: Positive = 0.2
+    reoffer_after_s: Positive = 2.0  # sets that no watermark covers after this are sent again
+    start_timeout_s: Positive = 30.0  # the fusion waits this long (wall) for all robots before it starts
+
+
+class RestartTable(Strict, frozen=True, kw_only=True):
+    """What `swarm` does when a process dies."""
+
+    robot: Literal["never", "always"] = "never"
+    fusion: Literal["never", "always"] = "always"
+
+
+class RobotTable(Strict, frozen=True, kw_only=True):
+    """One robot."""
+
+    id: Name
+    start: Annotated[list[float], Meta(min_length=2, max_length=4)]  # x, y(, z(, yaw)); metres, radians
+    vehicle: Table
+    sensor: Table
+
+
+class Mission(Strict, frozen=True, kw_only=True):
+    """The whole file."""
+
+    name: Name
+    team: Name = "searchparty"
+    description: str = ""
+    seed: Annotated[int, Meta(ge=0, le=2**63 - 1)] = 0
+    duration_s: Positive = 300.0
+    stop_when_all_found: bool = True
+    match_m: Positive = 2.0  # a found target this near to a true one counts as it
+    gospa_c_m: Positive = 10.0  # cut-off c of the GOSPA metric (p = 2)
+    area: AreaTable
+    world: Table
+    filter: Table
+    found: FoundTable = FoundTable()
+    exploration: ExplorationTable = ExplorationTable()
+    planner: Table
+    trigger: TriggerTable = TriggerTable()
+    fusion: FusionTable = FusionTable()
+    link: LinkTable = LinkTable()
+    settings: TeamTable = TeamTable()
+    restart: RestartTable = RestartTable()
+    robots: Annotated[list[RobotTable], Meta(min_length=1)]
+
+    def box(self) -> Area:
+        """The area as arrays."""
+        return Area(np.array(self.area.min, dtype=np.float64), np.array(self.area.max, dtype=np.float64))
+
+    def robot(self, robot_id: str) -> RobotTable:
+        """The robot of this id.
+
+        Raises:
+            KeyError: if there is none.
+        """
+        for robot in self.robots:
+            if robot.id == robot_id:
+                return robot
+        raise KeyError(robot_id)
+
+
+def start_pose(robot: RobotTable) -> FloatArray:
+    """A robot's start as a full pose (4,); what the file leaves out is 0."""
+    pose = np.zeros(4)
+    pose[: len(robot.start)] = robot.start
+    return pose

@@ -1,0 +1,1 @@
+"""The edges to other systems: Zenoh, Rerun, recorded data sets, autopilots."""

@@ -1,0 +1,80 @@
+"""The seam between filters and the fusion service: init, predict, update, clusters, removal.
+
+A filter's state is frozen; every call returns a new one, so that the fusion can keep checkpoints for free.
+"""
+
+from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
+
+import numpy as np
+
+from estimator.arrays import FloatArray, IntArray
+from estimator.sensor import SensorModel
+
+State = TypeVar("State")
+
+
+@dataclass(frozen=True, slots=True)
+class Clusters:
+    """Estimated targets that are not yet found: c clusters of the intensity, heaviest first."""
+
+    means: FloatArray  # (d, c) metres
+    covariances: FloatArray  # (c, d, d) m^2
+    masses: FloatArray  # (c,) expected number of targets in each
+    radii: FloatArray  # (c,) metres, weighted root mean square distance to the mean
+
+    @staticmethod
+    def none(dimension: int) -> "Clusters":
+        """No cluster at all."""
+        return Clusters(
+            np.zeros((dimension, 0)), np.zeros((0, dimension, dimension)), np.zeros(0), np.zeros(0)
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Area:
+    """The axis-aligned box in which targets may be."""
+
+    low: FloatArray  # (d,) metres
+    high: FloatArray  # (d,) metres
+
+    @property
+    def dimension(self) -> int:
+        return int(self.low.size)
+
+    @property
+    def volume(self) -> float:
+        """In m^d."""
+        return float(np.prod(self.high - self.low))
+
+
+class Filter(Protocol, Generic[State]):
+    """One multi-target filter. Every random draw comes from the generator in the arguments."""
+
+    def init(self, area: Area, rng: np.random.Generator) -> State:
+        """The prior intensity over the area."""
+
+    def predict(self, state: State, duration: float, rng: np.random.Generator) -> State:
+        """The state `duration` seconds later: motion, survival, birth."""
+
+    def update(
+        self,
+        state: State,
+        sensor: SensorModel,
+        pose: FloatArray,
+        measurements: FloatArray,
+        rng: np.random.Generator,
+    ) -> State:
+        """The posterior after one sensor's measurement set (m, s); the empty set says nothing was seen."""
+
+    def clusters(self, state: State, rng: np.random.Generator) -> tuple[State, Clusters]:
+        """Estimated targets; the state may remember them to be quicker next time."""
+
+    def remove(self, state: State, clusters: IntArray) -> State:
+        """The intensity without the given clusters of the last `clusters` call."""
+
+    def mass(self, state: State) -> float:
+        """The expected number of targets in the intensity."""
+
+    def thinned(self, state: State, size: int) -> tuple[FloatArray, FloatArray]:
+        """At most `size` points (d, k) with weights (k,) that stand for the intensity, for people."""

@@ -1,0 +1,76 @@
+"""The seam between sensors and everything that reasons about them.
+
+A sensor model answers three questions about n points x and one pose q: would a target there be detected
+(p_D), how well does each measurement fit it (g), and how often does each measurement come from nothing (c).
+Filters and planners know only this, so a new sensor works with all of them at once.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from estimator.arrays import FloatArray, IntArray
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """What one measurement set of m measurements says about n points.
+
+    The likelihoods are sparse: measurement j touches the points `indices[offsets[j]:offsets[j + 1]]`,
+    those inside its gate, and no others.
+    """
+
+    detection: FloatArray  # (n,) p_D(x; q)
+    offsets: IntArray  # (m + 1,)
+    indices: IntArray  # (offsets[m],)
+    likelihood: FloatArray  # (offsets[m],) g(z | x; q), in 1 / unit of z
+    clutter: FloatArray  # (m,) c(z; q), false measurements per unit of z
+
+
+class SensorModel(Protocol):
+    """p_D, g and c of one kind of sensor, on a target space of dimension d = 2 or 3."""
+
+    @property
+    def dimension(self) -> int:
+        """d, of the target space."""
+
+    @property
+    def measurement_size(self) -> int:
+        """s, how many numbers one measurement has."""
+
+    def detection(self, points: FloatArray, poses: FloatArray) -> FloatArray:
+        """p_D of points (d, n) from poses (k, 4), shape (k, n)."""
+
+    def look(self, points: FloatArray, pose: FloatArray, measurements: FloatArray) -> Look:
+        """All that a measurement set (m, s) taken at pose (4,) says about points (d, n)."""
+
+    def locate(self, measurements: FloatArray, pose: FloatArray) -> FloatArray:
+        """The point (d, m) that each measurement (m, s) would come from without noise."""
+
+    def location_covariance(self, measurements: FloatArray, pose: FloatArray) -> FloatArray:
+        """Covariance (m, d, d) in m^2 of `locate` under the sensor's noise."""
+
+    def sample(self, targets: FloatArray, pose: FloatArray, rng: np.random.Generator) -> FloatArray:
+        """One random measurement set (m, s) of targets (d, n): detections, noise and clutter, shuffled."""
+
+    def outline(self, pose: FloatArray) -> FloatArray:
+        """A closed polyline (k, 3) that shows the field of view at pose, for people."""
+
+
+Sensors = Mapping[str, SensorModel]
+
+
+def validated(measurements: FloatArray, size: int) -> FloatArray:
+    """`measurements` as a contiguous (m, size) array.
+
+    Raises:
+        ValueError: if the shape is another or a number is not finite.
+    """
+    array = np.ascontiguousarray(measurements, dtype=np.float64)
+    if array.ndim != 2 or array.shape[1] != size:
+        raise ValueError(f"measurements: expected shape (m, {size}), got {array.shape}")
+    if not np.isfinite(array).all():
+        raise ValueError("measurements: every number must be finite")
+    return array

@@ -1,0 +1,148 @@
+"""The seam between planners and the team: one frozen problem in, one plan out."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+
+from estimator.arrays import FloatArray, IntArray
+from estimator.filter import Area
+from estimator.sensor import SensorModel
+
+
+@dataclass(frozen=True, slots=True)
+class Exploration:
+    """The exploration function e on a regular grid: the fraction of each grid point still unexplored."""
+
+    values: FloatArray  # (g1, ..., gd) between 0 and 1
+    low: FloatArray  # (d,) position of values[0, ..., 0], metres
+    high: FloatArray  # (d,) position of values[-1, ..., -1], metres
+
+
+@dataclass(frozen=True, slots=True)
+class Trajectory:
+    """Where a robot will go and measure: the answer of a vehicle model to one waypoint."""
+
+    waypoint: FloatArray  # (3,) metres
+    start_time: float  # team time, s
+    end_time: float  # when it comes within the waypoint's tolerance
+    measure_times: FloatArray  # (m,) planned measurement instants, the first at start_time
+    measure_poses: FloatArray  # (m, 4)
+    times: FloatArray  # (k,) of the samples below
+    poses: FloatArray  # (k, 4) samples of the way, start and end among them
+    end_state: FloatArray  # (n,) the vehicle's full state at end_time
+    control_cost: float  # sum of u^T u over the control steps, (MA)ASI (18)
+
+    @property
+    def end_pose(self) -> FloatArray:
+        return np.asarray(self.poses[-1], dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True)
+class Predictions:
+    """Trajectories of one vehicle to w waypoints at once; measurements of all lie in flat arrays."""
+
+    waypoints: FloatArray  # (w, 3)
+    steps: IntArray  # (w,) control steps K to reach each
+    control_costs: FloatArray  # (w,)
+    offsets: IntArray  # (w + 1,) waypoint i measures at rows offsets[i]:offsets[i + 1]
+    measure_times: FloatArray  # (total,) seconds after the start
+    measure_poses: FloatArray  # (total, 4)
+    end_states: FloatArray  # (w, n)
+
+
+class VehicleModel(Protocol):
+    """How one kind of vehicle moves. The planner predicts with it, the simulated vehicle runs on it."""
+
+    @property
+    def control_period(self) -> float:
+        """T_s in seconds."""
+
+    def initial_state(self, pose: FloatArray) -> FloatArray:
+        """The vehicle's full state (n,), at rest at pose (4,)."""
+
+    def pose(self, state: FloatArray) -> FloatArray:
+        """(4,) pose of a state."""
+
+    def velocity(self, state: FloatArray) -> FloatArray:
+        """(3,) velocity in m/s, ENU, of a state."""
+
+    def begin(self, state: FloatArray, waypoint: FloatArray) -> FloatArray:
+        """The state with its controller aimed at a new waypoint (3,)."""
+
+    def advance(self, state: FloatArray, waypoint: FloatArray, steps: int) -> FloatArray:
+        """The state after `steps` control periods towards the waypoint."""
+
+    def reached(self, state: FloatArray, waypoint: FloatArray) -> bool:
+        """Whether the state is within the waypoint's tolerance epsilon."""
+
+    def predict(self, state: FloatArray, waypoints: FloatArray, measure_period: float) -> Predictions:
+        """`advance` from `begin` until reached, for every waypoint (w, 3) on its own."""
+
+    def trajectory(
+        self, state: FloatArray, waypoint: FloatArray, start_time: float, measure_period: float
+    ) -> Trajectory:
+        """One waypoint's way in full, with samples for people and for the others to plan around."""
+
+
+@dataclass(frozen=True, slots=True)
+class Commitment:
+    """Another robot's committed plan, as far as this robot knows it: its tail, then standing still."""
+
+    robot: str
+    version: int
+    measure_times: FloatArray  # (m,) team time
+    measure_poses: FloatArray  # (m, 4)
+    times: FloatArray  # (k,) team time, samples of the way
+    poses: FloatArray  # (k, 4)
+    measure_period: float
+
+
+@dataclass(frozen=True, slots=True)
+class PlanProblem:
+    """All that one robot's planner may look at."""
+
+    robot: str
+    state: FloatArray  # the vehicle's full state at start_time
+    start_time: float  # team time at which the plan will begin
+    measure_period: float
+    clusters: FloatArray  # (d, c) estimated targets not yet found
+    exploration: Exploration
+    others: tuple[Commitment, ...]
+    area: Area
+    separation: float = 0.0  # metres that any two robots keep apart
+    context: Mapping[str, Any] = field(default_factory=dict)  # what only some planners need
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A planner's answer. Without a trajectory the robot holds, and `reason` says why in words."""
+
+    trajectory: Trajectory | None
+    reason: str
+    objective: float = 0.0
+    terms: Mapping[str, float] = field(default_factory=dict)
+
+
+class Planner(Protocol):
+    """Decides one robot's next trajectory."""
+
+    def plan(self, problem: PlanProblem) -> Plan:
+        """The best plan found; never raises for an awkward problem, holds with a reason instead."""
+
+
+class TeamPlanner(Protocol):
+    """Decides several robots' next trajectories at once, in a centre. For comparison in `simulate`."""
+
+    def plan_jointly(self, problems: tuple[PlanProblem, ...]) -> tuple[Plan, ...]:
+        """One plan per problem, in their order."""
+
+
+@dataclass(frozen=True, slots=True)
+class PlannerSetup:
+    """What a planner is made with: the whole team's models, by robot."""
+
+    vehicles: Mapping[str, VehicleModel]
+    sensors: Mapping[str, SensorModel]
+    area: Area

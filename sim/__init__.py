@@ -1,0 +1,1 @@
+"""Worlds, simulated vehicles, sensors and network, and the virtual-time engine."""
