@@ -40,7 +40,9 @@ class FoundTable(Strict, frozen=True, kw_only=True):
 class ExplorationTable(Strict, frozen=True, kw_only=True):
     """The grid of the exploration function, (MA)ASI (20)."""
 
-    points: Annotated[list[Count], Meta(min_length=2, max_length=3)] = [27, 27]
+    points: Annotated[list[Count], Meta(min_length=2, max_length=3)] = msgspec.field(
+        default_factory=lambda: [27, 27]
+    )
 
 
 class TriggerTable(Strict, frozen=True, kw_only=True):
