@@ -101,6 +101,7 @@ class Mission(Strict, frozen=True, kw_only=True):
     name: Name
     team: Name = "searchparty"
     description: str = ""
+    directory: str = ""  # where relative paths begin; left out: the mission file's own directory
     seed: Annotated[int, Meta(ge=0, le=2**63 - 1)] = 0
     duration_s: Positive = 300.0
     stop_when_all_found: bool = True

@@ -1,0 +1,157 @@
+"""What makes a mission wrong although each of its keys, taken alone, is right."""
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+from agents import plugins
+from agents.errors import SearchpartyError
+from agents.mission import Mission
+from agents.tables import Problem, check, nearest, show
+
+# The tables that a plugin defines: the key in the mission -> the group of entry points that holds the kinds.
+GROUPS = {"world": "worlds", "filter": "filters", "planner": "planners"}
+ROBOT_GROUPS = {"vehicle": "vehicles", "sensor": "sensors"}
+
+RESERVED_IDS = ("fusion", "swarm", "watch")  # these processes publish under the same keys as robots
+
+_ENDPOINT = re.compile(r"^[a-z][a-z0-9-]*/\S+$")
+
+
+def kind_tables(raw: Mapping[str, Any]) -> list[tuple[str, str, Any]]:
+    """All tables of a mission that a plugin defines: (key path, group, table)."""
+    tables = [(key, group, raw[key]) for key, group in GROUPS.items() if key in raw]
+    robots = raw.get("robots")
+    for i, robot in enumerate(robots if isinstance(robots, list) else []):
+        if isinstance(robot, dict):
+            tables += [
+                (f"robots[{i}].{key}", group, robot[key])
+                for key, group in ROBOT_GROUPS.items()
+                if key in robot
+            ]
+    return tables
+
+
+def check_kind_table(where: str, group: str, table: Any) -> list[Problem]:
+    """All mistakes of one plugin's table; one that is no table is reported by the mission's own check."""
+    if not isinstance(table, dict):
+        return []
+    kind = table.get("kind")
+    problem = _check_kind(f"{where}.kind", group, kind)
+    if problem is not None:
+        return [problem]
+    try:
+        config = plugins.load(group, kind).Config
+    except SearchpartyError as error:
+        return [Problem(f"{where}.kind", show(kind), str(error))]
+    except (ImportError, AttributeError) as error:
+        return [Problem(f"{where}.kind", show(kind), f"a kind that can be loaded ({error})")]
+    return check({key: value for key, value in table.items() if key != "kind"}, config, where)
+
+
+def _check_kind(where: str, group: str, kind: Any) -> Problem | None:
+    known = plugins.kinds(group)
+    if kind in known:
+        return None
+    allowed = "one of " + (", ".join(known) or "none that is installed")
+    if not isinstance(kind, str):
+        return Problem(where, "nothing" if kind is None else show(kind), allowed)
+    return Problem(where, show(kind), allowed, nearest(kind, known))
+
+
+def check_mission(mission: Mission) -> list[Problem]:
+    """All contradictions within a mission whose keys are right one by one."""
+    return [
+        *_area(mission),
+        *_exploration(mission),
+        *_candidates(mission),
+        *_robots(mission),
+        *_link(mission),
+    ]
+
+
+def _area(mission: Mission) -> list[Problem]:
+    low, high = mission.area.min, mission.area.max
+    if len(low) != len(high):
+        return [Problem("area.max", show(high), f"{len(low)} values, as many as area.min")]
+    return [
+        Problem(f"area.max[{i}]", show(high[i]), f"a number > {low[i]:g}, which is area.min[{i}]")
+        for i in range(len(low))
+        if high[i] <= low[i]
+    ]
+
+
+def _exploration(mission: Mission) -> list[Problem]:
+    points, d = mission.exploration.points, len(mission.area.min)
+    if len(points) != d:
+        return [
+            Problem("exploration.points", show(points), f"{d} values, one for each dimension of the area")
+        ]
+    return [
+        Problem(f"exploration.points[{i}]", show(n), "a whole number >= 2, to have both edges of the area")
+        for i, n in enumerate(points)
+        if n < 2
+    ]
+
+
+def _candidates(mission: Mission) -> list[Problem]:
+    """Planners that choose from a grid name its corners in a table `candidates`."""
+    table = mission.planner.get("candidates")
+    if not isinstance(table, dict):
+        return []
+    area, problems = mission.area, []
+    for key in ("low", "high", "points"):
+        value = table.get(key)
+        if not isinstance(value, list):
+            continue
+        where = f"planner.candidates.{key}"
+        if len(value) != len(area.min):
+            allowed = f"{len(area.min)} values, one for each dimension of the area"
+            problems.append(Problem(where, show(value), allowed))
+        elif key != "points":
+            problems += [
+                Problem(f"{where}[{i}]", show(x), f"a number from {a:g} to {b:g}, inside the area")
+                for i, (x, a, b) in enumerate(zip(value, area.min, area.max, strict=False))
+                if a < b and not a <= x <= b
+            ]
+    low, high = table.get("low"), table.get("high")
+    if not problems and isinstance(low, list) and isinstance(high, list):
+        problems += [
+            Problem(f"planner.candidates.high[{i}]", show(b), f"a number >= {a:g}, which is the low corner's")
+            for i, (a, b) in enumerate(zip(low, high, strict=True))
+            if b < a
+        ]
+    return problems
+
+
+def _robots(mission: Mission) -> list[Problem]:
+    problems = []
+    first: dict[str, int] = {}
+    for i, robot in enumerate(mission.robots):
+        if robot.id in first:
+            allowed = f"an id of its own; robots[{first[robot.id]}] has this one"
+            problems.append(Problem(f"robots[{i}].id", show(robot.id), allowed))
+        elif robot.id in RESERVED_IDS:
+            problems.append(Problem(f"robots[{i}].id", show(robot.id), "not " + ", ".join(RESERVED_IDS)))
+        first.setdefault(robot.id, i)
+        for axis in range(2):
+            low, high = mission.area.min[axis], mission.area.max[axis]
+            if low < high and not low <= robot.start[axis] <= high:
+                allowed = f"a number from {low:g} to {high:g}, inside the area"
+                problems.append(Problem(f"robots[{i}].start[{axis}]", show(robot.start[axis]), allowed))
+    return problems
+
+
+def _link(mission: Mission) -> list[Problem]:
+    link = mission.link
+    problem = _check_kind("link.kind", "transports", link.kind)
+    problems = [] if problem is None else [problem]
+    if link.topology == "router" and not link.endpoints:
+        problems.append(
+            Problem("link.endpoints", "[]", 'where the router is, such as ["tcp/192.0.2.1:7447"]')
+        )
+    return problems + [
+        Problem(f"link.endpoints[{i}]", show(endpoint), "protocol/address, such as tcp/192.0.2.1:7447")
+        for i, endpoint in enumerate(link.endpoints)
+        if not _ENDPOINT.match(endpoint)
+    ]

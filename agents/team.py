@@ -1,0 +1,126 @@
+"""A mission made real: the filter, the planner, and every robot's models and devices, from their plugins."""
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import msgspec
+
+from agents import plugins
+from agents.devices import DeviceContext, Sensor, Vehicle, World
+from agents.errors import MissionError
+from agents.mission import Mission, RobotTable, start_pose
+from agents.tables import convert
+from estimator.filter import Area, Filter
+from estimator.sensor import SensorModel
+from planner.plan import Planner, PlannerSetup, VehicleModel
+
+
+@dataclass(frozen=True, slots=True)
+class Team:
+    """What a mission's tables stand for. Models are shared and pure; devices are made anew by each call."""
+
+    mission: Mission
+    area: Area
+    filter: Filter[Any]
+    planner: Planner
+    vehicle_models: Mapping[str, VehicleModel]  # by robot id
+    sensor_models: Mapping[str, SensorModel]
+    measure_periods: Mapping[str, float]  # seconds
+    _world: Callable[[int], World]
+    _vehicles: Mapping[str, Callable[[DeviceContext], Vehicle]]
+    _sensors: Mapping[str, Callable[[DeviceContext], Sensor]]
+
+    @classmethod
+    def of(cls, mission: Mission) -> "Team":
+        """The team of a mission that `mission_file.load` has checked.
+
+        Raises:
+            MissionError: if a plugin refuses its table in the light of the rest of the mission.
+        """
+        area = mission.box()
+        vehicle_models, sensor_models, periods = {}, {}, {}
+        vehicles, sensors = {}, {}
+        for i, robot in enumerate(mission.robots):
+            with _naming(f"robots[{i}].vehicle"):
+                kind, config = _plugin("vehicles", robot.vehicle, mission)
+                vehicle_models[robot.id] = kind.model(config, area)
+                vehicles[robot.id] = partial(kind.device, config)
+            with _naming(f"robots[{i}].sensor"):
+                kind, config = _plugin("sensors", robot.sensor, mission)
+                sensor_models[robot.id] = kind.model(config, area)
+                sensors[robot.id] = partial(kind.device, config)
+                periods[robot.id] = float(config.period_s)
+        with _naming("filter"):
+            kind, config = _plugin("filters", mission.filter, mission)
+            team_filter = kind(config)
+        with _naming("planner"):
+            kind, config = _plugin("planners", mission.planner, mission)
+            planner = kind(config, PlannerSetup(vehicle_models, sensor_models, area))
+        kind, config = _plugin("worlds", mission.world, mission)
+        return cls(
+            mission,
+            area,
+            team_filter,
+            planner,
+            vehicle_models,
+            sensor_models,
+            periods,
+            partial(kind.world, config, area),
+            vehicles,
+            sensors,
+        )
+
+    def world(self, seed: int) -> World:
+        """What is really there in the run of this seed.
+
+        Raises:
+            DataError: if it is a recording that cannot be read.
+        """
+        return self._world(seed)
+
+    def vehicle(
+        self, robot_id: str, seed: int, world: World, *, now: float = 0.0, speed: float = 1.0
+    ) -> Vehicle:
+        """One robot's body, made at team time `now` (s), where time runs `speed` times as fast as the wall's.
+
+        Raises:
+            DataError, LinkError: if it cannot be had.
+        """
+        return self._vehicles[robot_id](self._context(robot_id, seed, world, now, speed))
+
+    def sensor(
+        self, robot_id: str, seed: int, world: World, *, now: float = 0.0, speed: float = 1.0
+    ) -> Sensor:
+        """One robot's sensor, as `vehicle`."""
+        return self._sensors[robot_id](self._context(robot_id, seed, world, now, speed))
+
+    def _context(self, robot_id: str, seed: int, world: World, now: float, speed: float) -> DeviceContext:
+        robot: RobotTable = self.mission.robot(robot_id)
+        return DeviceContext(
+            robot=robot_id,
+            seed=seed,
+            area=self.area,
+            world=world,
+            start=start_pose(robot),
+            now=now,
+            speed=speed,
+        )
+
+
+def _plugin(group: str, table: Mapping[str, Any], mission: Mission) -> tuple[Any, Any]:
+    """A table's plugin, and its Config with relative paths taken from the mission's directory."""
+    kind = plugins.load(group, table["kind"])
+    body = {key: value for key, value in table.items() if key != "kind"}
+    return kind, convert(body, kind.Config, mission.directory or None)
+
+
+@contextmanager
+def _naming(key: str) -> Iterator[None]:
+    """Say which table a plugin refused."""
+    try:
+        yield
+    except (ValueError, msgspec.ValidationError) as error:
+        raise MissionError(f"{key}: {error}") from error
