@@ -1,0 +1,72 @@
+"""What all vehicle models share when they predict: measurement instants, bounds, the sampled trajectory."""
+
+import math
+
+import numpy as np
+
+from estimator.arrays import FloatArray, IntArray
+from estimator.kernels import exact_kernel
+from planner.plan import Trajectory, VehicleModel
+
+SAMPLES = 200  # of a trajectory, at most
+PATIENCE = 10.0  # a prediction ends after this many times the straight way's time
+SETTLE_S = 5.0  # what a controller may take on top of that time on a very short way
+
+
+def measure_steps(measure_period: float, control_period: float) -> int:
+    """The measurement period in control steps, at least one.
+
+    Raises:
+        ValueError: if a period is not a positive number.
+    """
+    if not (measure_period > 0 and math.isfinite(measure_period)):
+        raise ValueError(f"measure_period: must be positive and finite, got {measure_period}")
+    return max(1, round(measure_period / control_period))
+
+
+def step_bounds(
+    gaps: FloatArray, speed: float, acceleration: float, present: float, control_period: float
+) -> IntArray:
+    """After how many control steps (w,) to give up ways of `gaps` (w,) metres, begun at speed `present`."""
+    seconds = gaps / speed + (speed + 2.0 * present) / acceleration + SETTLE_S
+    steps = np.where(np.isfinite(seconds), PATIENCE * seconds / control_period, 0.0)
+    return np.ceil(np.minimum(steps, 2.0**40)).astype(np.int64)
+
+
+def measure_times(offsets: IntArray, period: float) -> FloatArray:
+    """When each measurement of a prediction is taken, seconds after its start, from `Predictions.offsets`."""
+    rank = np.arange(offsets[-1]) - np.repeat(offsets[:-1], np.diff(offsets))
+    return rank.astype(np.float64) * period
+
+
+def sampled(
+    model: VehicleModel, state: FloatArray, waypoint: FloatArray, start_time: float, measure_period: float
+) -> Trajectory:
+    """`VehicleModel.trajectory` for a model that can predict: once for the measurements, once for samples."""
+    target = np.ascontiguousarray(waypoint, dtype=np.float64)[None]
+    prediction = model.predict(state, target, measure_period)
+    steps = int(prediction.steps[0])
+    period = model.control_period
+    stride = max(1, math.ceil(steps / (SAMPLES - 1)))
+    way = model.predict(state, target, stride * period)
+    end_state = np.array(prediction.end_states[0])
+    end_time = start_time + steps * period
+    return Trajectory(
+        waypoint=np.array(target[0]),
+        start_time=start_time,
+        end_time=end_time,
+        measure_times=start_time + prediction.measure_times,
+        measure_poses=prediction.measure_poses,
+        times=np.append(start_time + way.measure_times, end_time),
+        poses=np.vstack([way.measure_poses, model.pose(end_state)]),
+        end_state=end_state,
+        control_cost=float(prediction.control_costs[0]),
+    )
+
+
+@exact_kernel
+def grown(rows: FloatArray) -> FloatArray:
+    """`rows` (k, c) with room for twice as many."""
+    more = np.empty((2 * rows.shape[0], rows.shape[1]))
+    more[: rows.shape[0]] = rows
+    return more
