@@ -46,8 +46,9 @@ _Publisher = zenoh.Publisher | zenoh.ext.AdvancedPublisher
 class _Subscription:
     """One subscribed topic. Its counters are written by one callback thread each."""
 
-    def __init__(self, topic: Topic, own_id: str, wake: Callable[[], None]) -> None:
+    def __init__(self, topic: Topic, own_id: str, wake: Callable[[], None], urgent: bool) -> None:
         self.inbox = Inbox(topic)
+        self.urgent = urgent
         self.oversize = 0
         self.missed = 0
         self.closed = False
@@ -62,7 +63,8 @@ class _Subscription:
             self.oversize += 1
             return
         self.inbox.put(Received(self.inbox.topic, sender, sample.payload.to_bytes()))
-        self._wake()
+        if self.urgent:
+            self._wake()
 
     def miss(self, miss: zenoh.ext.Miss) -> None:
         self.missed += miss.nb
@@ -162,11 +164,12 @@ class ZenohTransport(Transport):
             self.close()
             raise
 
-    def subscribe(self, topic: Topic) -> None:
+    def subscribe(self, topic: Topic, urgent: bool = True) -> None:
         session, me = self._opened()
         if topic.name in self._subscriptions:
+            self._subscriptions[topic.name].urgent |= urgent
             return
-        subscription = _Subscription(topic, me.id, self._wake)
+        subscription = _Subscription(topic, me.id, self._wake, urgent)
         self._subscriptions[topic.name] = subscription
         everyone = key(self._team, topic, "*")
         if not topic.reliable:

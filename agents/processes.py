@@ -1,0 +1,87 @@
+"""The process table: which processes a team has, when they run, and what happens when one dies.
+
+`searchparty swarm` starts what this table says, and starts it with the same commands that a person types on
+the hosts of a team in the field.
+"""
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from agents.mission import Mission
+
+Restart = Literal["never", "always"]
+
+
+@dataclass(frozen=True, slots=True)
+class Process:
+    """One row of the table. The rows stand in the order in which they are started."""
+
+    role: str  # also the verb of the command line
+    per_robot: bool  # one for each robot of the mission, named by its id; else one, named by its role
+    when: Literal["always", "with view"]
+    restart: Restart | Literal["as the mission says"]  # mission.restart.ROLE
+    options: tuple[str, ...]  # which of the launch's values go on its command line
+
+
+PROCESSES = (
+    Process("fusion", False, "always", "as the mission says", ("out", "connect", "seed", "speed")),
+    # A dead viewer costs the picture, a restarted one would write over the record of the start.
+    Process("watch", False, "with view", "never", ("out", "connect", "view")),
+    Process("robot", True, "always", "as the mission says", ("id", "connect")),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Launch:
+    """What a launcher knows of this run and the mission file does not."""
+
+    mission_file: Path  # the resolved one, in the run directory
+    out: Path
+    endpoints: tuple[str, ...]
+    seed: int
+    speed: float = 1.0
+    view: str = "none"
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A process to run."""
+
+    name: str  # unique in the team; names the log file
+    role: str
+    argv: tuple[str, ...]
+    restart: Restart
+
+
+def commands(mission: Mission, launch: Launch) -> list[Command]:
+    """The processes of a mission's local swarm, in start order."""
+    made: list[Command] = []
+    for row in PROCESSES:
+        if row.when == "with view" and launch.view == "none":
+            continue
+        restart: Restart = (
+            row.restart if row.restart != "as the mission says" else _restart(mission, row.role)
+        )
+        names = [robot.id for robot in mission.robots] if row.per_robot else [row.role]
+        made += [Command(name, row.role, _argv(row, name, launch), restart) for name in names]
+    return made
+
+
+def _restart(mission: Mission, role: str) -> Restart:
+    restart: Restart = getattr(mission.restart, role)
+    return restart
+
+
+def _argv(row: Process, name: str, launch: Launch) -> tuple[str, ...]:
+    values = {
+        "id": [name],
+        "out": [str(launch.out)],
+        "connect": list(launch.endpoints),
+        "seed": [str(launch.seed)],
+        "speed": [f"{launch.speed:g}"],
+        "view": [launch.view],
+    }
+    options = [part for option in row.options for value in values[option] for part in (f"--{option}", value)]
+    return (sys.executable, "-m", "agents.cli", row.role, str(launch.mission_file), *options)
