@@ -33,6 +33,7 @@ class DeviceContext:
     area: Area
     world: World
     start: FloatArray  # (4,) pose at the mission's start
+    now: float = 0.0  # team time at which the device is made
     speed: float = 1.0  # team seconds per wall second
     extra: dict[str, Any] = field(default_factory=dict)
 

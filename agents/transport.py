@@ -87,8 +87,8 @@ class Transport(ABC):
         """
 
     @abstractmethod
-    def subscribe(self, topic: Topic) -> None:
-        """Receive the topic from all senders but oneself."""
+    def subscribe(self, topic: Topic, urgent: bool = True) -> None:
+        """Receive the topic from all senders but oneself; what is not urgent waits without a `wake`."""
 
     @abstractmethod
     def publish(self, topic: Topic, payload: bytes) -> None:

@@ -2,22 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
 from estimator.arrays import FloatArray, IntArray
+from estimator.exploration import Exploration as Exploration
 from estimator.filter import Area
 from estimator.sensor import SensorModel
-
-
-@dataclass(frozen=True, slots=True)
-class Exploration:
-    """The exploration function e on a regular grid: the fraction of each grid point still unexplored."""
-
-    values: FloatArray  # (g1, ..., gd) between 0 and 1
-    low: FloatArray  # (d,) position of values[0, ..., 0], metres
-    high: FloatArray  # (d,) position of values[-1, ..., -1], metres
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +89,7 @@ class Commitment:
     times: FloatArray  # (k,) team time, samples of the way
     poses: FloatArray  # (k, 4)
     measure_period: float
+    boot: str = ""  # of the process that committed: versions count anew with each
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,6 +125,7 @@ class Planner(Protocol):
         """The best plan found; never raises for an awkward problem, holds with a reason instead."""
 
 
+@runtime_checkable
 class TeamPlanner(Protocol):
     """Decides several robots' next trajectories at once, in a centre. For comparison in `simulate`."""
 

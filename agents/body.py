@@ -1,0 +1,61 @@
+"""A robot with its body: carries out what concerns vehicle and sensor, hands on the rest. In both drivers."""
+
+from collections.abc import Callable, Sequence
+
+from agents.clock import Clock
+from agents.devices import Sensor, Vehicle
+from agents.histogram import Histogram
+from agents.machine import Action, Event, Follow, Measure, Measured
+from agents.robot import Robot
+
+
+class RobotBody:
+    """Steps a Robot until it has nothing more to measure; other actions go to `perform`."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        vehicle: Vehicle,
+        sensor: Sensor,
+        clock: Clock,
+        perform: Callable[[Action], None],
+    ) -> None:
+        self.robot = robot
+        self.vehicle = vehicle
+        self.sensor = sensor
+        self.lateness_ms = Histogram()
+        self._clock = clock
+        self._perform = perform
+
+    def __repr__(self) -> str:
+        return f"RobotBody({self.robot!r}, {self.vehicle!r})"
+
+    def step(self, events: Sequence[Event]) -> None:
+        """One step at the clock's time, and those that its measurements cause."""
+        while True:
+            now = self._clock.now()
+            measured: list[Event] = []
+            for action in self.robot.step(now, self.vehicle.state(now), events):
+                if isinstance(action, Follow):
+                    self.vehicle.follow(action.trajectory, now)
+                elif isinstance(action, Measure):
+                    measured.append(self._measure(action))
+                else:
+                    self._perform(action)
+            if not measured:
+                return
+            events = measured
+
+    def _measure(self, action: Measure) -> Measured:
+        now = self._clock.now()
+        self.lateness_ms.add((now - action.deadline) / self._clock.speed * 1e3)
+        # A device with its own times measured at the deadline; any other measures now.
+        own = self.sensor.next_capture(action.deadline)
+        capture = now if own is None else action.deadline
+        pose = self.vehicle.state(capture).pose
+        return Measured(capture, pose, self.sensor.measure(capture, pose), own)
+
+    def close(self) -> None:
+        """Let go of the devices."""
+        self.vehicle.close()
+        self.sensor.close()

@@ -1,0 +1,161 @@
+"""The fusion process: one Fusion with its ledger on the real network. It also starts the team's clock."""
+
+import asyncio
+import gc
+import time
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+
+from agents.clock import TeamClock
+from agents.fusion import Fusion, FusionSetup
+from agents.health import health_message
+from agents.histogram import Histogram
+from agents.ledger import Ledger
+from agents.machine import Event, Heard, Publish, Store
+from agents.messages import MeasurementSetMessage, StartMessage
+from agents.mission import Mission
+from agents.mission_file import mission_hash
+from agents.shell import HEALTH_PERIOD_S, Shell, run_until_done
+from agents.team import Team
+from agents.topics import HEALTH, SET, START
+from agents.transport import PeerChange
+
+NAME = "fusion"
+START_DELAY_S = 0.3  # from the start message to team time 0, so that all hear of it before
+
+
+def run(
+    mission: Mission,
+    *,
+    ledger: Path,
+    connect: Sequence[str] = (),
+    speed: float = 1.0,
+    name: str = NAME,
+) -> int:
+    """Run the fusion until it is told to end; the exit status.
+
+    Raises:
+        SearchpartyError: with what to do about it.
+    """
+    return run_until_done(partial(_main, mission, ledger, connect, speed, name))
+
+
+async def _main(mission: Mission, path: Path, connect: Sequence[str], speed: float, name: str) -> int:
+    team = Team.of(mission)
+    with Ledger(path) as ledger:
+        async with Shell(mission, "fusion", name, connect) as shell:
+            shell.transport.subscribe(SET)
+            process = FusionProcess(shell, team, ledger, speed)
+            await process.run()
+    return 0
+
+
+class FusionProcess:
+    """The loop around one Fusion."""
+
+    def __init__(self, shell: Shell, team: Team, ledger: Ledger, speed: float) -> None:
+        self._shell = shell
+        self._team = team
+        self._ledger = ledger
+        self._speed = speed
+        self._latency_ms = Histogram()
+        self._robots: set[str] = set()
+        self._early: list[Event] = []
+        setup = FusionSetup(team.mission, shell.name, shell.boot, team.search(), team.sensor_models)
+        self._fusion = Fusion(setup, team.mission.seed)
+        self._fusion.stamp = shell.stamp
+
+    async def run(self) -> None:
+        """Until the process is told to end."""
+        shell = self._shell
+        await self._start_team()
+        if shell.stopping:
+            return
+        gc.collect()
+        gc.freeze()
+        shell.every(HEALTH_PERIOD_S, self._publish_start)
+        shell.every(HEALTH_PERIOD_S, self._publish_health)
+        while not shell.stopping:
+            self._step(self._early + shell.events())
+            self._early = []
+            await shell.sleep_until(self._fusion.next_wake())
+        self._step(shell.events())
+        self._publish_health()
+
+    async def _start_team(self) -> None:
+        """Go on with an earlier life's ledger, or wait for the robots and start the clock."""
+        shell, ledger = self._shell, self._ledger
+        epoch = ledger.fact("epoch")
+        if epoch is not None:
+            self._speed = float(ledger.fact("speed") or 1.0)
+            shell.clock = TeamClock(float(epoch), self._speed)
+            sets = list(ledger.replay(shell.mission.team))
+            self._fusion.restore(sets)
+            shell.announce(f"goes on with a ledger of {len(sets)} sets")
+            return
+        wanted = {robot.id for robot in shell.mission.robots}
+        deadline = time.monotonic() + shell.mission.settings.start_timeout_s
+        while not shell.stopping and not wanted <= self._robots and time.monotonic() < deadline:
+            self._note(shell.events())
+            await asyncio.sleep(0.02)
+        missing = sorted(wanted - self._robots)
+        if missing and not shell.stopping:
+            shell.announce(f"starts without {', '.join(missing)}: they may join later", "warning")
+        start = time.time() + START_DELAY_S
+        ledger.remember("epoch", repr(start))
+        ledger.remember("speed", repr(self._speed))
+        shell.clock = TeamClock(start, self._speed)
+
+    def _note(self, events: Sequence[Event]) -> None:
+        for event in events:
+            if isinstance(event, PeerChange) and event.peer.role == "robot":
+                (self._robots.add if event.alive else self._robots.discard)(event.peer.id)
+            elif isinstance(event, Heard):
+                self._early.append(event)
+
+    def _step(self, events: Sequence[Event]) -> None:
+        shell = self._shell
+        for event in events:
+            if isinstance(event, PeerChange) and event.peer.role == "robot":
+                verb = "is here" if event.alive else "is gone"
+                shell.announce(f"{event.peer.id} {verb}", "info" if event.alive else "warning")
+        for action in self._fusion.step(shell.clock.now(), events):
+            if isinstance(action, Store):
+                self._ledger.store(action.sets)
+            elif isinstance(action, Publish):
+                shell.publish(action.topic, action.message)
+        self._measure_latency(events)
+
+    def _measure_latency(self, events: Sequence[Event]) -> None:
+        now = self._shell.clock.now()
+        for event in events:
+            if isinstance(event, Heard) and isinstance(event.message, MeasurementSetMessage):
+                self._latency_ms.add((now - event.message.time) / self._speed * 1e3)
+
+    def _publish_start(self) -> None:
+        shell, clock = self._shell, self._shell.clock
+        assert isinstance(clock, TeamClock)
+        message = StartMessage(
+            **shell.stamp.header(START, clock.now()),
+            epoch=clock.epoch,
+            speed=clock.speed,
+            seed=shell.mission.seed,
+            mission_hash=mission_hash(shell.mission),
+        )
+        shell.publish(START, message)
+
+    def _publish_health(self) -> None:
+        shell = self._shell
+        message = health_message(
+            shell.stamp,
+            shell.clock.now(),
+            "fusion",
+            "running",
+            shell.mailbox,
+            shell.transport.statistics(),
+            self._fusion.counters,
+            shell.gauges(),
+            {"capture_to_posterior_ms": self._latency_ms},
+        )
+        shell.publish(HEALTH, message)

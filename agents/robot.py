@@ -1,0 +1,319 @@
+"""The Robot: a state machine with two asynchronous clocks, one for plans and one for measurements.
+
+It is told what happened and says what to do; see agents.machine for the seam. Plans are asked for ahead of
+the trajectory's end, so that the robot never stands still for one, and are conditioned on the other robots'
+committed plans. When two robots planned blind to each other, the one later in the mission's order plans
+again, once.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from planner.trigger import worth_measuring
+
+from agents.belief import Belief
+from agents.devices import VehicleState
+from agents.machine import (
+    Action,
+    Event,
+    Follow,
+    Heard,
+    Measure,
+    Measured,
+    Planned,
+    Publish,
+    RequestPlan,
+    Stamp,
+)
+from agents.messages import (
+    MeasurementSetMessage,
+    PictureMessage,
+    PlanMessage,
+    PoseMessage,
+    PosteriorMessage,
+)
+from agents.mission import Mission
+from agents.topics import PLAN, POSE, SET
+from agents.transport import PeerChange
+from agents.unacknowledged import Unacknowledged
+from estimator.sensor import SensorModel
+from planner.plan import Commitment, Plan, PlanProblem, Trajectory, VehicleModel
+
+LATE_FACTOR = 1.5  # a trajectory that takes this much longer than planned is given up
+RETRY_S = 1.0  # after a plan that holds, the next is asked for this much later
+
+
+@dataclass(frozen=True, slots=True)
+class RobotSetup:
+    """What one robot is made with."""
+
+    mission: Mission
+    robot: str
+    boot: str
+    vehicle: VehicleModel
+    sensors: Mapping[str, SensorModel]
+    periods: Mapping[str, float]  # measure clock Δ by robot, s
+    follows_plans: bool = True
+    first_capture: float | None = None  # of a sensor that has its own times
+    plan_lead_s: float = 0.25  # how long before its start a plan is asked for
+    stagger_s: float = 0.1  # at the start, robot i of the mission waits i times this before it plans
+    patience: float = 1.0  # scales the re-offer time, for teams that run faster than the wall
+
+
+class Robot:
+    """One robot's decisions. `step` is the only way in."""
+
+    def __init__(self, setup: RobotSetup, now: float) -> None:
+        mission = setup.mission
+        self.id = setup.robot
+        self.stamp = Stamp(mission.team, setup.robot, setup.boot)
+        self._setup = setup
+        self._mission = mission
+        self._order = [robot.id for robot in mission.robots]
+        self._sensor = setup.sensors[setup.robot]
+        self._period = setup.periods[setup.robot]
+        self.belief = Belief(
+            self.id, mission.box(), tuple(mission.exploration.points), setup.sensors, setup.periods
+        )
+        self.unacknowledged = Unacknowledged(
+            setup.boot, mission.settings.reoffer_after_s * max(1.0, setup.patience)
+        )
+        rank = self._order.index(self.id) if now < setup.stagger_s else 0
+        self._trajectory: Trajectory | None = None  # being followed
+        self._next: Trajectory | None = None  # committed, begins at its start_time
+        self._plan_at: float = now + rank * min(setup.stagger_s, 2.0 / len(self._order))
+        self._plan_number = 0
+        self._awaited: int | None = None  # the request whose answer is awaited
+        self._conditioned_on: dict[str, int] = {}
+        self._plan_version = -1
+        self._replanned_for = -1  # the version that was already replanned on a conflict
+        self._measure_at = now if setup.first_capture is None else setup.first_capture
+        self._imposed = True  # the next measurement is at a waypoint and is always taken
+        self._pose_at = now
+        self._body: VehicleState | None = None
+        self.skipped_measurements = 0
+
+    def __repr__(self) -> str:
+        return f"Robot({self.id}, {self.state}, plan={self._plan_version}, {self.unacknowledged})"
+
+    @property
+    def state(self) -> str:
+        """One word for people."""
+        if not self._setup.follows_plans:
+            return "replaying"
+        if self._trajectory is not None:
+            return "moving"
+        return "planning" if self._awaited is not None else "holding"
+
+    def next_wake(self) -> float:
+        """The team time at which `step` must be called even if nothing happens."""
+        times = [self._measure_at, self._pose_at, self.unacknowledged.next_offer()]
+        if self._next is not None:
+            times.append(self._next.start_time)
+        if self._awaited is None and self._setup.follows_plans:
+            times.append(self._plan_at)
+        return min(times)
+
+    def step(self, now: float, body: VehicleState, events: Sequence[Event]) -> list[Action]:
+        """Take in what happened up to `now`, with the vehicle as it is; answer what to do, in order."""
+        self._body = body
+        actions: list[Action] = []
+        for event in events:
+            if isinstance(event, Heard):
+                self._hear(now, event)
+            elif isinstance(event, Measured):
+                actions += self._take(event)
+            elif isinstance(event, Planned):
+                actions += self._decide(now, event)
+            elif isinstance(event, PeerChange) and event.peer.role == "robot" and not event.alive:
+                self.belief.forget(event.peer.id)
+        self._progress(now, body)
+        if now >= self._measure_at:
+            actions += self._measure(now)
+        if now >= self._plan_at and self._awaited is None and self._setup.follows_plans:
+            actions.append(self._request(now, body))
+        if now >= self._pose_at:
+            actions.append(self._publish_pose(now, body))
+        actions += [Publish(SET, message) for message in self.unacknowledged.due(now)]
+        return actions
+
+    # What is heard
+
+    def _hear(self, now: float, event: Heard) -> None:
+        message = event.message
+        if isinstance(message, PosteriorMessage):
+            self.belief.hear_posterior(message)
+            self.unacknowledged.acknowledge(self.id, message)
+        elif isinstance(message, PictureMessage):
+            self.belief.hear_picture(message)
+        elif isinstance(message, MeasurementSetMessage):
+            self.belief.hear_set(message)
+        elif isinstance(message, PoseMessage):
+            self.belief.hear_pose(message)
+        elif isinstance(message, PlanMessage) and message.sender in self._order:
+            self.belief.hear_plan(message)
+            self._resolve_conflict(now, message)
+
+    def _resolve_conflict(self, now: float, theirs: PlanMessage) -> None:
+        """Both planned blind to each other: the later in the mission's order plans again, once."""
+        mine = self._next or self._trajectory
+        if mine is None or self._replanned_for == self._plan_version:
+            return
+        blind = (
+            theirs.conditioned_on.get(self.id, -1) < self._plan_version
+            and self._conditioned_on.get(theirs.sender, -1) < theirs.plan_version
+        )
+        overlap = theirs.end_time > mine.start_time and mine.end_time > theirs.start_time
+        yields = self._order.index(theirs.sender) < self._order.index(self.id)
+        if blind and overlap and yields:
+            self._replanned_for = self._plan_version + 1
+            self._plan_at = now
+
+    # The measure clock
+
+    def _measure(self, now: float) -> list[Action]:
+        deadline = self._measure_at
+        if self._setup.first_capture is not None:
+            self._measure_at = np.inf  # the device says when its next set comes
+            return [Measure(deadline)]
+        missed = max(0, int((now - deadline) / self._period))
+        self._measure_at = deadline + (missed + 1) * self._period
+        imposed, self._imposed = self._imposed, False
+        trigger = self._mission.trigger
+        if trigger.enabled and not imposed and self._body is not None:
+            worth = worth_measuring(
+                self._sensor,
+                self.belief.clusters(),
+                self.belief.exploration(),
+                self._body.pose,
+                trigger.gamma,
+                trigger.threshold,
+            )
+            if not worth:
+                self.skipped_measurements += 1
+                return []
+        return [Measure(deadline)]
+
+    def _take(self, event: Measured) -> list[Action]:
+        if event.next_capture is not None:
+            self._measure_at = event.next_capture
+        message = MeasurementSetMessage(
+            **self.stamp.header(SET, event.capture_time), pose=event.pose, measurements=event.measurements
+        )
+        self.belief.looked(message.time, self.id, message.pose)
+        self.unacknowledged.add(message)
+        return [Publish(SET, message)]
+
+    # The plan clock
+
+    def _progress(self, now: float, body: VehicleState) -> None:
+        if self._next is not None and now >= self._next.start_time:
+            self._trajectory, self._next = self._next, None
+            if self._setup.first_capture is None:
+                self._measure_at = self._trajectory.start_time
+                self._imposed = True
+        trajectory = self._trajectory
+        if trajectory is None or self._next is not None:
+            return
+        if now >= trajectory.end_time and (body.arrived or now >= self._given_up(trajectory)):
+            self._trajectory = None
+            self._plan_at = min(self._plan_at, now)
+
+    def _given_up(self, trajectory: Trajectory) -> float:
+        duration = trajectory.end_time - trajectory.start_time
+        return trajectory.start_time + LATE_FACTOR * duration + 1.0
+
+    def _request(self, now: float, body: VehicleState) -> RequestPlan:
+        self._plan_number += 1
+        self._awaited = self._plan_number
+        start, state = self._departure(now, body)
+        others = tuple(
+            commitment for robot, commitment in sorted(self.belief.commitments.items()) if robot != self.id
+        )
+        standing = tuple(
+            _standing(pose, start, self._setup.periods)
+            for robot, pose in sorted(self.belief.poses.items())
+            if robot != self.id and robot not in self.belief.commitments and robot in self._setup.periods
+        )
+        problem = PlanProblem(
+            robot=self.id,
+            state=state,
+            start_time=start,
+            measure_period=self._period,
+            clusters=self.belief.clusters(),
+            exploration=self.belief.exploration(),
+            others=others + standing,
+            area=self._mission.box(),
+            separation=self._mission.settings.separation_m,
+        )
+        self._conditioned_on = {other.robot: other.version for other in others}
+        return RequestPlan(self._plan_number, problem)
+
+    def _departure(self, now: float, body: VehicleState) -> tuple[float, np.ndarray]:
+        """When and from which full vehicle state the next trajectory begins."""
+        lead = self._setup.plan_lead_s
+        trajectory = self._trajectory
+        if trajectory is None:
+            return now + lead, body.state
+        if now + lead >= trajectory.end_time - 1e-9:
+            return max(trajectory.end_time, now), trajectory.end_state
+        period = self._setup.vehicle.control_period
+        steps = max(0, round((now + lead - body.time) / period))
+        state = self._setup.vehicle.advance(body.state, trajectory.waypoint, steps)
+        return body.time + steps * period, state
+
+    def _decide(self, now: float, event: Planned) -> list[Action]:
+        if event.number != self._awaited:
+            return []
+        self._awaited = None
+        plan = event.plan
+        if plan.trajectory is None:
+            self._plan_at = now + RETRY_S
+            return [] if self._trajectory is not None else [Follow(None)]
+        self._next = plan.trajectory
+        self._plan_at = max(plan.trajectory.end_time - self._setup.plan_lead_s, now)
+        self._plan_version += 1
+        return [Follow(plan.trajectory), Publish(PLAN, self._plan_message(now, plan, plan.trajectory))]
+
+    def _plan_message(self, now: float, plan: Plan, trajectory: Trajectory) -> PlanMessage:
+        return PlanMessage(
+            **self.stamp.header(PLAN, now),
+            plan_version=self._plan_version,
+            waypoint=trajectory.waypoint,
+            start_time=trajectory.start_time,
+            end_time=trajectory.end_time,
+            measure_times=trajectory.measure_times,
+            measure_poses=trajectory.measure_poses,
+            times=trajectory.times,
+            poses=trajectory.poses,
+            conditioned_on=self._conditioned_on,
+            objective=plan.objective,
+            reason=plan.reason,
+        )
+
+    def _publish_pose(self, now: float, body: VehicleState) -> Publish:
+        period = self._mission.settings.pose_period_s
+        self._pose_at += period * (1 + max(0, int((now - self._pose_at) / period)))
+        message = PoseMessage(
+            **self.stamp.header(POSE, body.time),
+            pose=body.pose,
+            velocity=body.velocity,
+            state=self.state,
+            travelled=body.travelled,
+        )
+        return Publish(POSE, message)
+
+
+def _standing(pose: PoseMessage, now: float, periods: Mapping[str, float]) -> Commitment:
+    """A robot whose plan is not known: expected to stay where it is and to measure there."""
+    return Commitment(
+        robot=pose.sender,
+        version=-1,
+        measure_times=np.array([now]),
+        measure_poses=pose.pose[None, :],
+        times=np.array([now]),
+        poses=pose.pose[None, :],
+        measure_period=periods[pose.sender],
+        boot=pose.boot,
+    )

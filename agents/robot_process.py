@@ -1,0 +1,147 @@
+"""The robot process: one Robot with its body on the real clock and the real network."""
+
+import asyncio
+import gc
+import time
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+
+from agents.body import RobotBody
+from agents.errors import LinkError, MissionError
+from agents.health import health_message
+from agents.histogram import Histogram
+from agents.machine import Action, Planned, Publish, RequestPlan
+from agents.mission import Mission
+from agents.robot import Robot, RobotSetup
+from agents.shell import HEALTH_PERIOD_S, Shell, run_until_done
+from agents.team import Team
+from agents.topics import HEALTH, PICTURE, PLAN, POSE, POSTERIOR, SET
+from planner.plan import Plan, Planner, PlanProblem, TeamPlanner
+
+
+def run(mission: Mission, robot_id: str, *, connect: Sequence[str] = ()) -> int:
+    """Run one robot until it is told to end; the exit status.
+
+    Raises:
+        SearchpartyError: with what to do about it.
+    """
+    try:
+        mission.robot(robot_id)
+    except KeyError:
+        known = ", ".join(robot.id for robot in mission.robots)
+        raise MissionError(f"the mission has no robot {robot_id!r}; its robots are {known}") from None
+    return run_until_done(partial(_main, mission, robot_id, connect))
+
+
+async def _main(mission: Mission, robot_id: str, connect: Sequence[str]) -> int:
+    team = Team.of(mission)
+    if isinstance(team.planner, TeamPlanner) and not isinstance(team.planner, Planner):
+        raise MissionError(f"planner {mission.planner['kind']!r} needs a centre: use searchparty simulate")
+    async with Shell(mission, "robot", robot_id, connect) as shell:
+        for topic in (POSE, SET, PICTURE, POSTERIOR):
+            shell.transport.subscribe(topic, urgent=False)
+        shell.transport.subscribe(PLAN)
+        try:
+            seed = await shell.join_team()
+        except LinkError:
+            return 0
+        process = RobotProcess(shell, team, robot_id, seed)
+        try:
+            await process.run()
+        finally:
+            process.close()
+    return 0
+
+
+class RobotProcess:
+    """The loop around one RobotBody."""
+
+    def __init__(self, shell: Shell, team: Team, robot_id: str, seed: int) -> None:
+        self._shell = shell
+        self._team = team
+        self._plan_ms = Histogram()
+        self._pool = ThreadPoolExecutor(1, thread_name_prefix="planner")
+        now = max(0.0, shell.clock.now())
+        world = team.world(seed)
+        vehicle = team.vehicle(robot_id, seed, world, now=now, speed=shell.clock.speed)
+        sensor = team.sensor(robot_id, seed, world, now=now, speed=shell.clock.speed)
+        setup = RobotSetup(
+            mission=team.mission,
+            robot=robot_id,
+            boot=shell.boot,
+            vehicle=team.vehicle_models[robot_id],
+            sensors=team.sensor_models,
+            periods=team.measure_periods,
+            follows_plans=vehicle.follows_plans,
+            first_capture=sensor.next_capture(now - 1e-9),
+            plan_lead_s=0.25 * max(1.0, shell.clock.speed),
+            patience=shell.clock.speed,
+        )
+        self._robot = Robot(setup, now)
+        self._robot.stamp = shell.stamp
+        self._body = RobotBody(self._robot, vehicle, sensor, shell.clock, self._perform)
+
+    async def run(self) -> None:
+        """Until the process is told to end."""
+        shell = self._shell
+        shell.announce(f"joined as boot {shell.boot}")
+        while shell.clock.now() < 0.0 and not shell.stopping:
+            await shell.sleep_until(0.0)
+        gc.collect()
+        gc.freeze()  # what lives now lives to the end: no collection needs to look at it
+        shell.every(HEALTH_PERIOD_S, self._publish_health)
+        while not shell.stopping:
+            self._body.step(shell.events())
+            await shell.sleep_until(self._robot.next_wake())
+        self._publish_health()
+
+    def close(self) -> None:
+        """Let go of devices and the planner's thread."""
+        self._body.close()
+        self._pool.shutdown(wait=False, cancel_futures=True)
+
+    def _perform(self, action: Action) -> None:
+        if isinstance(action, Publish):
+            self._shell.publish(action.topic, action.message)
+        elif isinstance(action, RequestPlan):
+            loop = asyncio.get_running_loop()
+            future = loop.run_in_executor(self._pool, self._plan, action.problem)
+            future.add_done_callback(partial(self._planned, action.number))
+
+    def _plan(self, problem: PlanProblem) -> Plan:
+        began = time.perf_counter()
+        plan: Plan = self._team.planner.plan(problem)
+        self._plan_ms.add((time.perf_counter() - began) * 1e3)
+        return plan
+
+    def _planned(self, number: int, future: "asyncio.Future[Plan]") -> None:
+        if future.cancelled():
+            return
+        error = future.exception()
+        if error is not None:
+            # A planner's defect must not stop the robot: it holds, says so and asks again.
+            self._shell.announce(f"planner failed: {error!r}; holding", "error")
+            self._shell.tell(Planned(number, Plan(None, f"planner failed: {error!r}")))
+        else:
+            self._shell.tell(Planned(number, future.result()))
+
+    def _publish_health(self) -> None:
+        shell, robot = self._shell, self._robot
+        message = health_message(
+            shell.stamp,
+            shell.clock.now(),
+            "robot",
+            robot.state,
+            shell.mailbox,
+            shell.transport.statistics(),
+            {
+                "sets": robot.stamp.sent(SET),
+                "reoffered": robot.unacknowledged.reoffered,
+                "unacknowledged": len(robot.unacknowledged),
+                "skipped_measurements": robot.skipped_measurements,
+            },
+            shell.gauges(),
+            {"measure_clock_lateness_ms": self._body.lateness_ms, "plan_ms": self._plan_ms},
+        )
+        shell.publish(HEALTH, message)

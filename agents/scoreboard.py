@@ -1,0 +1,178 @@
+"""The scoreboard: what a run came to, from what the team said and what was true. The same for both drivers."""
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from estimator.metrics import gospa, matched
+
+from agents.devices import World
+from agents.histogram import Histogram
+from agents.machine import Heard
+from agents.messages import HealthMessage, MeasurementSetMessage, PoseMessage, PosteriorMessage
+from agents.mission import Mission
+from estimator.arrays import FloatArray
+
+COUNTS = ("published", "received", "rejected", "lost", "duplicate", "late")
+
+
+@dataclass
+class Scoreboard:
+    """Grows by `hear`; `summary()` is what summary.json holds."""
+
+    mission: Mission
+    seed: int
+    driver: str  # "processes" or "virtual"
+    world: World
+    _posterior: PosteriorMessage | None = None
+    _poses: dict[str, PoseMessage] = field(default_factory=dict)
+    _travelled: dict[str, dict[str, float]] = field(default_factory=dict)  # robot -> boot -> metres
+    _health: dict[tuple[str, str], HealthMessage] = field(default_factory=dict)  # (sender, boot)
+    _sets: set[tuple[str, str, int]] = field(default_factory=set)
+    _separation: float = float("inf")
+    _all_found_at: float | None = None
+    _applied_at_all_found: int | None = None
+    _curve: list[tuple[float, int, int, float]] = field(default_factory=list)
+    _matched_for: FloatArray | None = None
+    _matches: int = 0
+
+    def hear(self, heard: Heard, now: float) -> None:
+        """Take in one message, whatever its topic."""
+        message = heard.message
+        if isinstance(message, PosteriorMessage):
+            self._hear_posterior(message, now)
+        elif isinstance(message, PoseMessage):
+            self._hear_pose(message)
+        elif isinstance(message, MeasurementSetMessage):
+            self._sets.add((message.sender, message.boot, message.sequence))
+        elif isinstance(message, HealthMessage):
+            self._health[message.sender, message.boot] = message
+
+    @property
+    def all_found(self) -> bool:
+        """Whether every true target is matched by a found one."""
+        return self._all_found_at is not None
+
+    @property
+    def targets_total(self) -> int:
+        return int(self.world.targets(0.0).shape[1])
+
+    @property
+    def targets_found(self) -> int:
+        """True targets that a found target matches."""
+        return self._matches
+
+    @property
+    def expected_cardinality(self) -> float:
+        return self._posterior.expected_cardinality if self._posterior else 0.0
+
+    @property
+    def measurement_sets(self) -> int:
+        return len(self._sets)
+
+    def _hear_posterior(self, message: PosteriorMessage, now: float) -> None:
+        if self._posterior is not None and message.applied < self._posterior.applied:
+            return  # a replica that is behind
+        self._posterior = message
+        if self._matched_for is None or not np.array_equal(self._matched_for, message.found):
+            pairs = matched(self.world.targets(now), message.found, self.mission.match_m)
+            self._matches = len(pairs)
+            self._matched_for = message.found
+        self._curve.append((message.time, message.applied, self._matches, message.expected_cardinality))
+        if self._all_found_at is None and self.targets_total and self._matches == self.targets_total:
+            self._all_found_at = message.time
+            self._applied_at_all_found = message.applied
+
+    def _hear_pose(self, message: PoseMessage) -> None:
+        self._travelled.setdefault(message.sender, {})[message.boot] = message.travelled
+        known = self._poses.get(message.sender)
+        if known is not None and known.boot == message.boot and known.time > message.time:
+            return
+        self._poses[message.sender] = message
+        for other in self._poses.values():
+            age = message.time - other.time
+            if other.sender != message.sender and age < 2.0:  # the silent may be anywhere
+                there = other.pose[:3] + other.velocity * age
+                distance = float(np.linalg.norm(message.pose[:3] - there))
+                self._separation = min(self._separation, distance)
+
+    def _histogram(self, name: str) -> Histogram:
+        total = Histogram()
+        for message in self._health.values():
+            if name in message.histograms:
+                total.merge(Histogram.of(message.histograms[name]))
+        return total
+
+    def _messages(self) -> dict[str, int]:
+        total: Counter[str] = Counter()
+        for message in self._health.values():
+            total.update({key: message.counters.get(key, 0) for key in COUNTS})
+            for key, value in message.counters.items():
+                if key.startswith("rejected."):
+                    total[key] += value
+        applied = self._posterior.applied if self._posterior else 0
+        expired = sum(m.counters.get("expired_sets", 0) for m in self._health.values())
+        counts = {key: total[key] for key in COUNTS}
+        counts["late"] = sum(m.counters.get("late_sets", 0) for m in self._health.values())
+        counts["sets_not_applied"] = max(0, len(self._sets) - applied - expired)
+        counts |= {key: value for key, value in sorted(total.items()) if key.startswith("rejected.")}
+        return counts
+
+    def summary(self) -> dict[str, Any]:
+        """The record of the run; its keys are documented in docs/summary.md and stay."""
+        found = self._posterior.found if self._posterior else np.zeros((self.mission.box().dimension, 0))
+        end = self._posterior.time if self._posterior else 0.0
+        truth = self.world.targets(end)
+        pairs = matched(truth, found, self.mission.match_m)
+        errors = np.array([np.linalg.norm(truth[:, i] - found[:, j]) for i, j in pairs])
+        score = gospa(truth, found, c=self.mission.gospa_c_m, p=2.0)
+        return {
+            "mission": self.mission.name,
+            "seed": self.seed,
+            "driver": self.driver,
+            "robots": len(self.mission.robots),
+            "targets_total": self.targets_total,
+            "targets_found": self._matches,
+            "false_found": int(found.shape[1]) - len(pairs),
+            "all_found": self.all_found,
+            "time_to_all_found_s": self._all_found_at,
+            "measurement_sets": self.measurement_sets,
+            "measurements_to_all_found": self._applied_at_all_found,
+            "rmse_m": float(np.sqrt(np.mean(errors**2))) if errors.size else None,
+            "max_error_m": float(errors.max()) if errors.size else None,
+            "gospa": score.total,
+            "expected_cardinality": self.expected_cardinality,
+            "distance_travelled_m": {
+                robot: sum(boots.values()) for robot, boots in sorted(self._travelled.items())
+            },
+            "min_separation_m": self._separation if np.isfinite(self._separation) else None,
+            "plan_ms": _percentiles(self._histogram("plan_ms")),
+            "capture_to_posterior_ms": _percentiles(self._histogram("capture_to_posterior_ms")),
+            "measure_clock_lateness_ms": _percentiles(self._histogram("measure_clock_lateness_ms")),
+            "messages": self._messages(),
+            "memory_mb": {
+                f"{message.role} {sender}": round(message.gauges["memory_mb"], 1)
+                for (sender, _), message in sorted(self._health.items())
+                if "memory_mb" in message.gauges
+            },
+            "found": found.T.tolist(),
+            "curve": _thinned(self._curve),
+        }
+
+
+def _percentiles(histogram: Histogram) -> dict[str, float | None]:
+    return {"p50": histogram.percentile(50.0), "p99": histogram.percentile(99.0)}
+
+
+def _thinned(curve: list[tuple[float, int, int, float]]) -> Mapping[str, list[float]]:
+    """The course of the search at every change of the found targets and about 200 other moments."""
+    stride = max(1, len(curve) // 200)
+    kept = [
+        row
+        for i, row in enumerate(curve)
+        if i % stride == 0 or i == len(curve) - 1 or row[2] != curve[i - 1][2]
+    ]
+    names = ("time_s", "sets_applied", "targets_found", "expected_cardinality")
+    return {name: [float(row[i]) for row in kept] for i, name in enumerate(names)}

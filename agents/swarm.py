@@ -1,0 +1,262 @@
+"""The launcher: starts a team's processes on this machine, watches them, keeps score, and ends them all."""
+
+import asyncio
+import contextlib
+import os
+import signal
+import sys
+import time
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.live import Live
+
+from agents.clock import TeamClock
+from agents.errors import LinkError
+from agents.machine import Heard
+from agents.messages import (
+    EventMessage,
+    HealthMessage,
+    PoseMessage,
+    PosteriorMessage,
+    StartMessage,
+    TruthMessage,
+)
+from agents.mission import Mission
+from agents.mission_file import load
+from agents.plugins import load as load_plugin
+from agents.processes import Launch, commands
+from agents.run_directory import RunDirectory
+from agents.scoreboard import Scoreboard
+from agents.shell import Shell, run_until_done
+from agents.status_table import ProcessStatus, TeamStatus, status_table
+from agents.supervisor import State, Status, Supervisor
+from agents.team import Team
+from agents.topics import EVENT, HEALTH, POSE, POSTERIOR, SET, START, TRUTH
+from agents.transport import PeerChange
+
+GRACE_S = 1.0  # wall time from the last found target to the end
+REFRESH_S = 0.25
+TRUTH_PERIOD_S = 1.0
+FAREWELL_S = 0.2  # for the last health messages to arrive
+
+
+def run(mission: Mission, *, out: Path | None, speed: float = 1.0, view: str = "auto") -> int:
+    """Run the mission with one process per robot; 0 only if every target was found.
+
+    Raises:
+        SearchpartyError: with what to do about it.
+    """
+    return run_until_done(lambda: _main(mission, out, speed, view))
+
+
+async def _main(mission: Mission, out: Path | None, speed: float, view: str) -> int:
+    console = Console()
+    directory = RunDirectory.create(mission, out)
+    resolved = load(directory.mission)  # what the children will read
+    with load_plugin("routers", mission.link.kind)(resolved.link) as router:
+        launch = Launch(
+            mission_file=directory.mission,
+            out=directory.path,
+            endpoints=tuple(router.endpoints),
+            speed=speed,
+            view=_view(view),
+        )
+        async with Shell(resolved, "swarm", "swarm", router.endpoints) as shell:
+            swarm = Swarm(shell, Team.of(resolved), launch, directory, console)
+            return await swarm.run()
+
+
+def _view(wish: str) -> str:
+    """What "auto" means here: a window where there is a screen, else only the recording."""
+    if wish != "auto":
+        return wish
+    screen = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY") or sys.platform == "darwin"
+    return "spawn" if screen else "none"
+
+
+class Swarm:
+    """One local run."""
+
+    def __init__(
+        self, shell: Shell, team: Team, launch: Launch, directory: RunDirectory, console: Console
+    ) -> None:
+        self._shell = shell
+        self._team = team
+        self._mission = team.mission
+        self._directory = directory
+        self._console = console
+        self._supervisor = Supervisor(commands(team.mission, launch), directory.path, self._changed)
+        self._world = team.world(team.mission.seed)
+        self._scoreboard = Scoreboard(team.mission, team.mission.seed, "processes", self._world)
+        self._last_heard: dict[str, float] = {}  # wall time, by sender
+        self._poses: dict[str, PoseMessage] = {}
+        self._health: dict[str, HealthMessage] = {}
+        self._posterior: PosteriorMessage | None = None
+        self._alive: set[str] = set()
+        self._news = ""
+        self._started = False
+        self._launched_at = time.monotonic()
+
+    async def run(self) -> int:
+        """Until all is found, the time is up, or someone asks to end; then the summary."""
+        shell = self._shell
+        for topic in (POSE, SET, POSTERIOR, HEALTH, EVENT, START):
+            shell.transport.subscribe(topic, urgent=False)
+        try:
+            await self._supervisor.start()
+            shell.every(TRUTH_PERIOD_S, self._publish_truth)
+            with Live(self._table(), console=self._console, refresh_per_second=4, transient=False) as live:
+                await self._watch(live)
+                await self._stop()
+                live.update(self._table())
+        finally:
+            await self._supervisor.stop()
+        return self._finish()
+
+    async def _watch(self, live: Live) -> None:
+        shell, mission = self._shell, self._mission
+        end_at: float | None = None
+        while not shell.stopping:
+            await shell.sleep_until(shell.clock.now() + REFRESH_S * shell.clock.speed)
+            self._take(shell.events())
+            live.update(self._table())
+            if self._started and shell.clock.now() >= mission.duration_s:
+                return
+            if self._scoreboard.all_found and mission.stop_when_all_found and end_at is None:
+                end_at = time.monotonic() + GRACE_S
+            if end_at is not None and time.monotonic() >= end_at:
+                return
+            self._look_for_failure()
+
+    async def _stop(self) -> None:
+        stopping = asyncio.create_task(self._supervisor.stop())
+        while not stopping.done():
+            self._take(self._shell.events())
+            await asyncio.sleep(0.02)
+        await stopping
+        until = time.monotonic() + FAREWELL_S
+        while time.monotonic() < until:
+            self._take(self._shell.events())
+            await asyncio.sleep(0.02)
+
+    def _look_for_failure(self) -> None:
+        """A team that cannot go on ends with the reason, not with a timeout."""
+        statuses = self._supervisor.statuses()
+        robots = [s for s in statuses if s.role == "robot"]
+        dead = [s for s in statuses if s.role == "fusion" and s.final]
+        if all(s.final for s in robots):
+            dead = robots
+        if not dead:
+            return
+        first = dead[0]
+        log = self._directory.path / f"{first.name}.log"
+        lines = log.read_text(errors="replace").strip().splitlines() if log.exists() else []
+        words = next((line for line in reversed(lines) if line.strip()), "no word in its log")
+        raise LinkError(f"{first.name} ended with exit status {first.exit_code}: {words} (see {log})")
+
+    def _changed(self, status: Status) -> None:
+        if status.state in (State.DIED, State.WAITING):
+            how = (
+                signal.Signals(-status.exit_code).name
+                if status.exit_code is not None and status.exit_code < 0
+                else f"exit status {status.exit_code}"
+            )
+            after = "will be started again" if status.state is State.WAITING else "the others go on"
+            self._news = f"{status.name} died ({how}); {after}"
+            with contextlib.suppress(Exception):  # the link may be the very thing that failed
+                self._shell.announce(self._news, "warning")
+
+    def _take(self, events: Iterable[Any]) -> None:
+        shell = self._shell
+        for event in events:
+            if isinstance(event, PeerChange):
+                (self._alive.add if event.alive else self._alive.discard)(event.peer.id)
+            elif isinstance(event, Heard):
+                self._hear(event)
+        if not self._started and shell.clock.now() >= 0 and self._posterior is not None:
+            self._started = True
+
+    def _hear(self, heard: Heard) -> None:
+        message = heard.message
+        self._last_heard[message.sender] = time.monotonic()
+        if isinstance(message, StartMessage):
+            self._shell.clock = TeamClock(message.epoch, message.speed)
+        elif isinstance(message, PoseMessage):
+            self._poses[message.sender] = message
+        elif isinstance(message, HealthMessage):
+            self._health[message.sender] = message
+        elif isinstance(message, PosteriorMessage):
+            self._posterior = message
+        elif isinstance(message, EventMessage) and message.level != "info":
+            self._news = f"{message.sender}: {message.text}"
+        self._scoreboard.hear(heard, self._shell.clock.now())
+
+    def _publish_truth(self) -> None:
+        shell = self._shell
+        now = shell.clock.now()
+        message = TruthMessage(**shell.stamp.header(TRUTH, now), targets=self._world.targets(now))
+        shell.publish(TRUTH, message)
+
+    def _table(self) -> Any:
+        score = self._scoreboard
+        status = TeamStatus(
+            mission=self._mission.name,
+            time_s=self._shell.clock.now() if self._started else None,
+            duration_s=self._mission.duration_s,
+            found=score.targets_found,
+            total=score.targets_total,
+            expected_cardinality=self._posterior.expected_cardinality if self._posterior else None,
+            sets_applied=self._posterior.applied if self._posterior else 0,
+            rejected=sum(h.counters.get("rejected", 0) for h in self._health.values()),
+            processes=tuple(self._row(s) for s in self._supervisor.statuses()),
+            note=self._news,
+        )
+        return status_table(status)
+
+    def _row(self, status: Status) -> ProcessStatus:
+        heard = self._last_heard.get(status.name)
+        health = self._health.get(status.name)
+        pose = self._poses.get(status.name)
+        counters = health.counters if health is not None else {}
+        running = status.state is State.RUNNING
+        return ProcessStatus(
+            role=status.role,
+            id=status.name,
+            state=(pose.state if pose is not None else "starting") if running else status.state.value,
+            alive=running and (status.name in self._alive or not self._started),
+            age_s=None if heard is None else time.monotonic() - heard,
+            sets_sent=counters.get("sets"),
+            sets_stored=counters.get("applied_sets")
+            if status.role == "fusion"
+            else self._stored(status.name),
+            travelled_m=pose.travelled if pose is not None else None,
+            restarts=status.restarts,
+        )
+
+    def _stored(self, status: Status) -> int | None:
+        if self._posterior is None:
+            return None
+        if status.role == "fusion":
+            return self._posterior.applied
+        robot = status.name
+        marks = [w for name, w in self._posterior.watermark.items() if name.startswith(f"{robot}/")]
+        return sum(mark.upto + 1 + len(mark.beyond) for mark in marks) if marks else None
+
+    def _finish(self) -> int:
+        summary = self._scoreboard.summary()
+        self._directory.write_summary(summary)
+        console, total = self._console, summary["targets_total"]
+        found = f"{summary['targets_found']} of {total} targets found"
+        if summary["all_found"]:
+            console.print(
+                f"[bold green]{found}[/] in {summary['time_to_all_found_s']:.1f} s with "
+                f"{summary['measurements_to_all_found']} measurement sets, RMSE {summary['rmse_m']:.2f} m, "
+                f"{summary['false_found']} false"
+            )
+        else:
+            console.print(f"[bold red]{found}[/], {summary['false_found']} false")
+        console.print(f"run directory: {self._directory.path}")
+        return 0 if summary["all_found"] else 1

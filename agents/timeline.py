@@ -1,0 +1,85 @@
+"""Apply entries in the order of their keys although they arrive in any order.
+
+The states after the recent entries are kept (they are frozen, so this costs no copies). An entry that
+belongs earlier is put in its place and everything after it is applied again, so that any arrival order
+within the window gives bit for bit the state of the right order.
+"""
+
+from bisect import bisect_right
+from collections.abc import Callable
+from enum import Enum
+from typing import Generic, TypeVar
+
+S = TypeVar("S")
+E = TypeVar("E")
+Key = tuple[float, str, str, int]  # capture time, robot, boot, sequence
+
+
+class Arrival(Enum):
+    """Where an entry came in the order."""
+
+    IN_ORDER = "in order"
+    ROLLED_BACK = "rolled back"  # put in its place within the window
+    TOO_LATE = "too late"  # older than the window: the caller decides
+
+
+class Timeline(Generic[S, E]):
+    """A state that is a function of its entries in key order, over a rollback window in seconds."""
+
+    def __init__(self, initial: S, apply: Callable[[S, E], S], window: float) -> None:
+        self._apply = apply
+        self._window = window
+        self._base = initial  # the state before the first kept entry
+        self._keys: list[Key] = []
+        self._entries: list[E] = []
+        self._states: list[S] = []  # after each kept entry
+        self._horizon: Key | None = None  # the newest key that was let go
+        self.reapplied = 0
+
+    def __repr__(self) -> str:
+        return f"Timeline(kept={len(self._keys)}, reapplied={self.reapplied})"
+
+    @property
+    def state(self) -> S:
+        """After all entries."""
+        return self._states[-1] if self._states else self._base
+
+    def insert(self, key: Key, entry: E) -> Arrival:
+        """Put an entry in its place; an entry older than the window is not applied."""
+        if self._horizon is not None and key < self._horizon:
+            return Arrival.TOO_LATE
+        if self._keys and key[0] < self._keys[-1][0] - self._window:
+            return Arrival.TOO_LATE
+        place = bisect_right(self._keys, key)
+        self._keys.insert(place, key)
+        self._entries.insert(place, entry)
+        del self._states[place:]
+        state = self.state
+        for later in self._entries[place:]:
+            state = self._apply(state, later)
+            self._states.append(state)
+        redone = len(self._entries) - place - 1
+        self.reapplied += redone
+        self._let_go()
+        return Arrival.ROLLED_BACK if redone else Arrival.IN_ORDER
+
+    def append(self, entry: E) -> None:
+        """Apply an entry after everything else, wherever its time would put it."""
+        if not self._keys:
+            self._base = self._apply(self._base, entry)
+            return
+        # It shares the place of the newest entry, so that a rollback before that one takes both again.
+        key = self._keys[-1]
+        self._entries.append(entry)
+        self._states.append(self._apply(self.state, entry))
+        self._keys.append(key)
+
+    def _let_go(self) -> None:
+        oldest = self._keys[-1][0] - self._window
+        count = 0
+        while count < len(self._keys) - 1 and self._keys[count][0] < oldest:
+            count += 1
+        if count:
+            self._base = self._states[count - 1]
+            self._horizon = self._keys[count - 1]
+            del self._keys[:count], self._entries[:count], self._states[:count]

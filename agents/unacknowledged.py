@@ -1,0 +1,54 @@
+"""A robot's own measurement sets that no watermark covers yet: kept, and offered again when it takes long."""
+
+from agents.messages import MeasurementSetMessage, PosteriorMessage
+from agents.watermark import source, uncovered
+
+BATCH = 64  # sets offered again in one go, so that a healed network is not flooded
+
+
+class Unacknowledged:
+    """Sets in the order they were taken."""
+
+    def __init__(self, boot: str, reoffer_after: float) -> None:
+        self._boot = boot
+        self._reoffer_after = reoffer_after
+        self._sets: dict[int, MeasurementSetMessage] = {}
+        self._offer_at: float = float("inf")
+        self._newest: float = 0.0
+        self.reoffered = 0
+
+    def __repr__(self) -> str:
+        return f"Unacknowledged({len(self._sets)}, reoffered={self.reoffered})"
+
+    def __len__(self) -> int:
+        return len(self._sets)
+
+    def add(self, message: MeasurementSetMessage) -> None:
+        """A set that was just sent for the first time."""
+        if not self._sets:
+            self._offer_at = message.time + self._reoffer_after
+        self._sets[message.sequence] = message
+        self._newest = max(self._newest, message.time)
+
+    def acknowledge(self, robot: str, posterior: PosteriorMessage) -> None:
+        """Forget what the posterior's watermark covers."""
+        watermark = posterior.watermark.get(source(robot, self._boot))
+        remaining = uncovered(watermark, self._sets)
+        if len(remaining) == len(self._sets):
+            return
+        self._sets = {number: self._sets[number] for number in remaining}
+        # Progress: the rest is given its time anew before it is offered again.
+        self._offer_at = self._newest + self._reoffer_after if self._sets else float("inf")
+
+    def next_offer(self) -> float:
+        """When `due` will have something."""
+        return self._offer_at
+
+    def due(self, now: float) -> list[MeasurementSetMessage]:
+        """Sets to be sent again now, oldest first."""
+        if now < self._offer_at:
+            return []
+        self._offer_at = now + self._reoffer_after
+        batch = [s for s in self._sets.values() if s.time <= now - 0.5 * self._reoffer_after][:BATCH]
+        self.reoffered += len(batch)
+        return batch

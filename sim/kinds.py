@@ -1,0 +1,58 @@
+"""The simulated vehicles and sensors that a mission can name."""
+
+from typing import Any
+
+from planner.unicycle import Unicycle
+
+from agents.devices import DeviceContext, Sensor, Vehicle
+from agents.seeds import generator
+from estimator.filter import Area
+from estimator.range_bearing import RangeBearing
+from estimator.sensor import SensorModel
+from planner.plan import VehicleModel
+from planner.quadrotor import Quadrotor
+from sim.sensor import SimulatedSensor
+from sim.vehicle import SimulatedVehicle
+
+
+class QuadrotorKind:
+    """`kind = "quadrotor"`: the Parrot Mambo of (MA)ASI section 5.1 within speed and acceleration limits."""
+
+    Config = Quadrotor.Config
+
+    @staticmethod
+    def model(config: Any, area: Area) -> VehicleModel:
+        return Quadrotor(config)
+
+    @staticmethod
+    def device(config: Any, context: DeviceContext) -> Vehicle:
+        return SimulatedVehicle(Quadrotor(config), context.start, context.now)
+
+
+class UnicycleKind:
+    """`kind = "unicycle"`: a ground robot with a stabilising waypoint controller."""
+
+    Config = Unicycle.Config
+
+    @staticmethod
+    def model(config: Any, area: Area) -> VehicleModel:
+        return Unicycle(config)
+
+    @staticmethod
+    def device(config: Any, context: DeviceContext) -> Vehicle:
+        return SimulatedVehicle(Unicycle(config), context.start, context.now)
+
+
+class RangeBearingKind:
+    """`kind = "range_bearing"`: range and bearing (and elevation in 3D) of what is detected, and clutter."""
+
+    Config = RangeBearing.Config
+
+    @staticmethod
+    def model(config: Any, area: Area) -> SensorModel:
+        return RangeBearing.of(config, area)
+
+    @staticmethod
+    def device(config: Any, context: DeviceContext) -> Sensor:
+        rng = generator(context.seed, "sensor", context.robot)
+        return SimulatedSensor(RangeBearing.of(config, context.area), context.world, rng)

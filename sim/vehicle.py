@@ -1,0 +1,73 @@
+"""A simulated vehicle: the planner's own vehicle model, run in steps of its control period."""
+
+import numpy as np
+
+from agents.devices import Vehicle, VehicleState
+from estimator.arrays import FloatArray
+from planner.plan import Trajectory, VehicleModel
+
+
+class SimulatedVehicle(Vehicle):
+    """Advances lazily to the time it is asked about, so that no process has to tick every 5 ms.
+
+    A trajectory begins at its own start_time, to the control step, however late the driver wakes: what was
+    predicted is what is flown.
+    """
+
+    def __init__(self, model: VehicleModel, start: FloatArray, now: float) -> None:
+        self._model = model
+        self._period = model.control_period
+        self._origin = now
+        self._steps = 0  # control steps done since `now`
+        self._state = model.initial_state(start)
+        self._waypoint: FloatArray = np.array(start[:3])
+        self._idle = True  # at rest where it holds: nothing changes with time
+        self._upcoming: Trajectory | None = None
+        self._travelled = 0.0
+        self._last = np.array(start[:3])
+
+    def __repr__(self) -> str:
+        return f"SimulatedVehicle(steps={self._steps}, waypoint={self._waypoint.round(1)})"
+
+    def follow(self, trajectory: Trajectory | None, now: float) -> None:
+        if trajectory is None:
+            self._advance_to(self._step_of(now))
+            self._upcoming = None
+            self._aim(np.array(self._model.pose(self._state)[:3]))
+        else:
+            self._upcoming = trajectory
+
+    def state(self, now: float) -> VehicleState:
+        target = self._step_of(now)
+        if self._upcoming is not None:
+            begin = max(self._steps, round((self._upcoming.start_time - self._origin) / self._period))
+            if target >= begin:
+                self._advance_to(begin)
+                self._aim(self._upcoming.waypoint)
+                self._upcoming = None
+        self._advance_to(target)
+        pose = self._model.pose(self._state)
+        self._travelled += float(np.linalg.norm(pose[:3] - self._last))
+        self._last = np.array(pose[:3])
+        return VehicleState(
+            time=self._origin + self._steps * self._period,
+            pose=pose,
+            velocity=self._model.velocity(self._state),
+            state=self._state,
+            travelled=self._travelled,
+            arrived=self._model.reached(self._state, self._waypoint),
+        )
+
+    def _step_of(self, now: float) -> int:
+        return max(self._steps, int((now - self._origin) / self._period + 1e-6))
+
+    def _aim(self, waypoint: FloatArray) -> None:
+        self._waypoint = np.array(waypoint, dtype=np.float64)
+        self._state = self._model.begin(self._state, self._waypoint)
+        self._idle = False
+
+    def _advance_to(self, step: int) -> None:
+        if step > self._steps:
+            if not self._idle:
+                self._state = self._model.advance(self._state, self._waypoint, step - self._steps)
+            self._steps = step
