@@ -2,7 +2,7 @@
 
 The resolved mission holds every key, also those that the file left to their defaults, in the plugins' tables
 too. Paths in it stay as written; they begin at `Mission.directory`, the directory of the file they were
-written in, which is not part of what the mission is (`mission_hash` leaves it out).
+written in, which is no part of what the mission is.
 """
 
 import hashlib
@@ -74,8 +74,12 @@ def dumps(mission: Mission) -> str:
 
 
 def mission_hash(mission: Mission) -> str:
-    """64 hexadecimal digits that two processes share if and only if their resolved missions are the same."""
+    """64 hexadecimal digits that two processes share if and only if their resolved missions are the same.
+
+    The seed does not count: the fusion may have been given another, and tells it to everyone.
+    """
     plain = _plain(mission, keep_directory=False)
+    del plain["seed"]
     return hashlib.sha256(msgspec.json.encode(plain, order="deterministic")).hexdigest()
 
 

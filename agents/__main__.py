@@ -1,0 +1,5 @@
+"""`python -m agents` is `searchparty`."""
+
+from agents.cli import main
+
+main()
