@@ -30,7 +30,7 @@ def exp_negative(x: float) -> float:
     """exp(x) for x <= 0, to a relative 1e-11 above x = -100; loops of it become vector instructions.
 
     The library's exp stops the compiler from doing several at a time. exp(x) = exp(x / 1024)^1024 with a
-    Taylor polynomial inside. Below x = -700 the value of -700 is given: positive, and nothing for any use here.
+    Taylor polynomial inside. Below x = -700 the value of -700 is given: next to nothing, still positive.
     """
     y = (-700.0 if x < -700.0 else x) * (1.0 / 1024.0)
     p = 1.0 + y * (1.0 / 8.0)

@@ -74,3 +74,31 @@ def validated(measurements: FloatArray, size: int) -> FloatArray:
     if not np.isfinite(array).all():
         raise ValueError("measurements: every number must be finite")
     return array
+
+
+def checked_points(points: FloatArray, dimension: int) -> FloatArray:
+    """`points` as a contiguous (dimension, n) array.
+
+    Raises:
+        ValueError: if the shape is another.
+    """
+    array = np.ascontiguousarray(points, dtype=np.float64)
+    if array.ndim != 2 or array.shape[0] != dimension:
+        raise ValueError(f"points: expected shape ({dimension}, n), got {array.shape}")
+    return array
+
+
+def checked_poses(poses: FloatArray) -> FloatArray:
+    """`poses` as a contiguous (k, 4) array; one pose (4,) becomes (1, 4).
+
+    Raises:
+        ValueError: if the shape is another or a number is not finite.
+    """
+    array = np.ascontiguousarray(poses, dtype=np.float64)
+    if array.ndim == 1:
+        array = array[None, :]
+    if array.ndim != 2 or array.shape[1] != 4:
+        raise ValueError(f"pose: expected shape (4,) or (k, 4), got {array.shape}")
+    if not np.isfinite(array).all():
+        raise ValueError("pose: every number must be finite")
+    return array

@@ -1,0 +1,149 @@
+"""Where a sensor detects targets: p_D(x; q) of several shapes of field of view.
+
+All shapes ignore the height of pose and target when the target space is 2D.
+"""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from estimator.arrays import FloatArray
+from estimator.kernels import exp_negative, kernel
+from estimator.sensor import checked_points, checked_poses
+
+Shape = Literal["exponential", "box", "sector"]
+_CODES: dict[str, int] = {"exponential": 0, "box": 1, "sector": 2}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FieldOfView:
+    """p_D(x; q) = G s(x; q) t(r), with gain G, shape s and an optional table t over the range r.
+
+    - exponential: s = exp(-|zeta| / 2), zeta the offset divided by `size` (F_x, F_y(, F_z)), (MA)ASI (3)-(4).
+    - box: s = 1 in a box around the robot, 0 elsewhere, (MA)ASI (25), (34); `size` is
+      (x_min, x_max, y_min, y_max(, z_min, z_max)); the box turns with yaw if `turns`.
+    - sector: s = 1 between two ranges within an opening about the yaw direction (in the horizontal
+      plane), 0 elsewhere; `size` is (range_min, range_max, full opening in radians).
+
+    The table is linear between its breaks and constant outside them.
+    """
+
+    dimension: int
+    shape: Shape
+    gain: float
+    size: FloatArray
+    turns: bool = False
+    breaks: FloatArray = field(default_factory=lambda: np.zeros(0))  # (b,) metres, ascending; none: t = 1
+    gains: FloatArray = field(default_factory=lambda: np.zeros(0))  # (b,)
+
+    def detection(self, points: FloatArray, poses: FloatArray) -> FloatArray:
+        """p_D of points (d, n) from poses (k, 4), shape (k, n).
+
+        Raises:
+            ValueError: if a shape is another or a pose is not finite.
+        """
+        points = checked_points(points, self.dimension)
+        poses = checked_poses(poses)
+        out = np.empty((poses.shape[0], points.shape[1]))
+        code = _CODES[self.shape]
+        if code == 0:
+            _exponential(points, poses, self.gain, self.size, out)
+        else:
+            _edged(points, poses, self.gain, code, self.size, self.turns or code == 2, out)
+        if self.breaks.size:
+            _times_table(points, poses, self.breaks, self.gains, out)
+        return out
+
+    def outline(self, pose: FloatArray) -> FloatArray:
+        """A closed polyline (k, 3) around the field of view; exponential: where s falls to 1/e."""
+        yaw = pose[3] if self.turns or self.shape == "sector" else 0.0
+        if self.shape == "box":
+            x0, x1, y0, y1 = self.size[:4]
+            local = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1], [x0, y0]])
+        elif self.shape == "sector":
+            near, far, opening = self.size
+            angles = np.linspace(-opening / 2, opening / 2, 25)
+            arc = np.column_stack([np.cos(angles), np.sin(angles)])
+            local = np.vstack([far * arc, near * arc[::-1], far * arc[:1]])
+        else:
+            angles = np.linspace(-np.pi, np.pi, 49)
+            local = 2.0 * np.column_stack([self.size[0] * np.cos(angles), self.size[1] * np.sin(angles)])
+        c, s = np.cos(yaw), np.sin(yaw)
+        outline = np.empty((len(local), 3))
+        outline[:, 0] = pose[0] + c * local[:, 0] - s * local[:, 1]
+        outline[:, 1] = pose[1] + s * local[:, 0] + c * local[:, 1]
+        outline[:, 2] = pose[2]
+        return outline
+
+
+@kernel
+def _exponential(
+    points: FloatArray, poses: FloatArray, gain: float, reach: FloatArray, out: FloatArray
+) -> None:
+    """(MA)ASI (3)-(4)."""
+    for k in range(poses.shape[0]):
+        x, y, fx, fy = poses[k, 0], poses[k, 1], 0.5 / reach[0], 0.5 / reach[1]
+        if points.shape[0] == 2:
+            for i in range(points.shape[1]):
+                dx, dy = (points[0, i] - x) * fx, (points[1, i] - y) * fy
+                out[k, i] = gain * exp_negative(-np.sqrt(dx * dx + dy * dy))
+        else:
+            z, fz = poses[k, 2], 0.5 / reach[2]
+            for i in range(points.shape[1]):
+                dx, dy, dz = (points[0, i] - x) * fx, (points[1, i] - y) * fy, (points[2, i] - z) * fz
+                out[k, i] = gain * exp_negative(-np.sqrt(dx * dx + dy * dy + dz * dz))
+
+
+@kernel
+def _edged(
+    points: FloatArray,
+    poses: FloatArray,
+    gain: float,
+    code: int,
+    size: FloatArray,
+    turns: bool,
+    out: FloatArray,
+) -> None:
+    """Box and sector: the gain inside, 0 outside; edges belong to the inside."""
+    d = points.shape[0]
+    for k in range(poses.shape[0]):
+        c, s = (np.cos(poses[k, 3]), np.sin(poses[k, 3])) if turns else (1.0, 0.0)
+        half = 0.5 * size[2]
+        for i in range(points.shape[1]):
+            dx, dy = points[0, i] - poses[k, 0], points[1, i] - poses[k, 1]
+            dz = points[2, i] - poses[k, 2] if d == 3 else 0.0
+            ahead, left = c * dx + s * dy, c * dy - s * dx
+            if code == 1:
+                inside = size[0] <= ahead <= size[1] and size[2] <= left <= size[3]
+                if d == 3:
+                    inside = inside and size[4] <= dz <= size[5]
+            else:
+                r2 = dx * dx + dy * dy + dz * dz
+                inside = size[0] * size[0] <= r2 <= size[1] * size[1]
+                inside = inside and abs(np.arctan2(left, ahead)) <= half
+            out[k, i] = gain if inside else 0.0
+
+
+@kernel
+def _times_table(
+    points: FloatArray, poses: FloatArray, breaks: FloatArray, gains: FloatArray, out: FloatArray
+) -> None:
+    """Multiply by the piecewise linear table over the range."""
+    last = breaks.size - 1
+    for k in range(poses.shape[0]):
+        for i in range(points.shape[1]):
+            if out[k, i] == 0.0:
+                continue
+            r2 = (points[0, i] - poses[k, 0]) ** 2 + (points[1, i] - poses[k, 1]) ** 2
+            if points.shape[0] == 3:
+                r2 += (points[2, i] - poses[k, 2]) ** 2
+            r = np.sqrt(r2)
+            if r <= breaks[0]:
+                out[k, i] *= gains[0]
+            elif r >= breaks[last]:
+                out[k, i] *= gains[last]
+            else:
+                b = np.searchsorted(breaks, r, side="right") - 1
+                t = (r - breaks[b]) / (breaks[b + 1] - breaks[b])
+                out[k, i] *= gains[b] + t * (gains[b + 1] - gains[b])

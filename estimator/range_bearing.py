@@ -1,0 +1,266 @@
+"""Range-bearing(-elevation) sensors with Gaussian noise and uniform clutter, (MA)ASI (3)-(10), (25), (34).
+
+Yousuf, Herzal, Lendek, Buşoniu, "Multi-agent active multi-target search with intermittent measurements",
+Control Engineering Practice, 2024.
+"""
+
+from dataclasses import dataclass
+from math import pi
+from typing import Annotated, Literal
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from estimator.arrays import FloatArray, Fraction, NonNegative, Positive
+from estimator.field_of_view import FieldOfView
+from estimator.filter import Area
+from estimator.gating import gated_likelihoods
+from estimator.sensor import Look, checked_points, checked_poses, validated
+
+GATE_SIGMAS = 6.0  # a component further off than this has likelihood 0; 2e-9 of the Gaussian lies beyond
+
+
+class RangeBearingConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A range-bearing sensor in a mission file. 3D areas need elevation_sigma_deg."""
+
+    period_s: Positive
+    range_sigma_m: Positive
+    bearing_sigma_deg: Positive
+    elevation_sigma_deg: Positive | None = None
+    bearing_frame: Literal["world", "body"] = (
+        "world"  # counter-clockwise from east, or from the yaw direction
+    )
+    gain: Fraction = 1.0  # G
+    clutter: NonNegative = 0.0  # expected false measurements in a set
+    max_range_m: Positive | None = None  # clutter lies within it; default: the area's diagonal
+    field_of_view: Literal["exponential", "box", "sector"] = "exponential"
+    reach_m: Annotated[list[Positive], Meta(min_length=2, max_length=3)] | None = None  # F_x, F_y(, F_z)
+    box_m: Annotated[list[tuple[float, float]], Meta(min_length=2, max_length=3)] | None = None
+    box_frame: Literal["world", "body"] = "world"
+    range_m: Positive | None = None  # sector
+    min_range_m: NonNegative = 0.0  # sector
+    angle_deg: Annotated[float, Meta(gt=0, le=360)] | None = None  # sector, full opening about the yaw
+    range_breaks_m: list[NonNegative] = []  # p_D is multiplied by range_gains, linear between the breaks
+    range_gains: list[Fraction] = []
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RangeBearing:
+    """Measurements (range m, bearing rad(, elevation rad)) of targets in 2D (3D).
+
+    In 2D the heights of robot and target are ignored. Bearings are (8): in the world frame, or relative to
+    yaw if `body_frame`. Elevation is the angle above the horizontal plane (9). Clutter is uniform over its
+    support `clutter_low`..`clutter_high` in (range, bearing(, elevation)); its volume is the product of the
+    sides in m rad(^2), without a sine for the elevation. A sector's clutter lies within the sector,
+    otherwise it lies within max_range_m all around (elevations -pi/2..pi/2). A target exactly above the
+    sensor, or on it, has bearing 0, and on it elevation 0.
+    """
+
+    field: FieldOfView
+    sigmas: FloatArray  # (s,) m, rad(, rad)
+    clutter: float  # expected false measurements in a set
+    clutter_low: FloatArray  # (s,)
+    clutter_high: FloatArray  # (s,)
+    body_frame: bool = False
+
+    Config = RangeBearingConfig
+
+    @staticmethod
+    def of(config: RangeBearingConfig, area: Area) -> "RangeBearing":
+        """The model that a mission's table describes.
+
+        Raises:
+            ValueError: if a key is missing or does not fit the area's dimension; names the key.
+        """
+        d = area.dimension
+        if (d == 3) != (config.elevation_sigma_deg is not None):
+            raise ValueError(f"elevation_sigma_deg: needed in 3D and only there, the area is {d}D")
+        sigmas = [config.range_sigma_m, np.radians(config.bearing_sigma_deg)]
+        low, high = [0.0, -pi], [config.max_range_m or float(np.linalg.norm(area.high - area.low)), pi]
+        if config.elevation_sigma_deg is not None:
+            sigmas.append(np.radians(config.elevation_sigma_deg))
+            low.append(-pi / 2)
+            high.append(pi / 2)
+        field = _field(config, d)
+        if field.shape == "sector":
+            low[0], high[0] = float(field.size[0]), float(field.size[1])
+            low[1], high[1] = -float(field.size[2]) / 2, float(field.size[2]) / 2
+        return RangeBearing(
+            field,
+            np.array(sigmas),
+            config.clutter,
+            np.array(low),
+            np.array(high),
+            config.bearing_frame == "body",
+        )
+
+    @property
+    def dimension(self) -> int:
+        return self.field.dimension
+
+    @property
+    def measurement_size(self) -> int:
+        return self.field.dimension
+
+    def detection(self, points: FloatArray, poses: FloatArray) -> FloatArray:
+        """p_D of points (d, n) from poses (k, 4), shape (k, n)."""
+        return self.field.detection(points, poses)
+
+    def look(self, points: FloatArray, pose: FloatArray, measurements: FloatArray) -> Look:
+        """All that a measurement set (m, s) taken at pose (4,) says about points (d, n).
+
+        Raises:
+            ValueError: if a shape is another, or a number of any argument is not finite.
+        """
+        measurements = validated(measurements, self.measurement_size)
+        points = checked_points(points, self.dimension)
+        detection = self.field.detection(points, pose)[0]
+        pose = np.ascontiguousarray(pose, dtype=np.float64)
+        offsets, indices, likelihood, finite = gated_likelihoods(
+            points, pose, self._in_world(measurements, pose), self.sigmas, GATE_SIGMAS
+        )
+        if not finite:
+            raise ValueError("points: every number must be finite")
+        return Look(detection, offsets, indices, likelihood, self.clutter_intensity(measurements, pose))
+
+    def clutter_intensity(self, measurements: FloatArray, pose: FloatArray) -> FloatArray:
+        """c(z; q) (m,), false measurements per m rad(^2): uniform on the support, 0 outside."""
+        density = self.clutter / float(np.prod(self.clutter_high - self.clutter_low))
+        if density == 0.0:
+            return np.zeros(len(measurements))
+        z = measurements.copy()
+        z[:, 1] = wrapped(z[:, 1] - self._clutter_turn(pose))
+        inside = ((z >= self.clutter_low) & (z <= self.clutter_high)).all(axis=1)
+        return np.where(inside, density, 0.0)
+
+    def locate(self, measurements: FloatArray, pose: FloatArray) -> FloatArray:
+        """The point (d, m) that each measurement (m, s) would come from without noise.
+
+        A negative range counts as 0.
+        """
+        pose = checked_poses(pose)[0]
+        z = self._in_world(validated(measurements, self.measurement_size), pose)
+        r = np.maximum(z[:, 0], 0.0)
+        flat = r * np.cos(z[:, 2]) if self.dimension == 3 else r
+        rows = [pose[0] + flat * np.cos(z[:, 1]), pose[1] + flat * np.sin(z[:, 1])]
+        if self.dimension == 3:
+            rows.append(pose[2] + r * np.sin(z[:, 2]))
+        return np.stack(rows)
+
+    def location_covariance(self, measurements: FloatArray, pose: FloatArray) -> FloatArray:
+        """Covariance (m, d, d) in m^2 of `locate`, to first order in the angles.
+
+        Across the line of sight the mean square of the range, r^2 + sigma_r^2, is used instead of r^2, so
+        that a target on the sensor has a covariance too.
+        """
+        pose = checked_poses(pose)[0]
+        z = self._in_world(validated(measurements, self.measurement_size), pose)
+        across = np.maximum(z[:, 0], 0.0) ** 2 + self.sigmas[0] ** 2
+        c, s = np.cos(z[:, 1]), np.sin(z[:, 1])
+        if self.dimension == 2:
+            axes = np.stack([np.stack([c, s], axis=1), np.stack([-s, c], axis=1)], axis=1)
+            scale = np.stack(
+                [np.full_like(across, self.sigmas[0] ** 2), across * self.sigmas[1] ** 2], axis=1
+            )
+        else:
+            ce, se = np.cos(z[:, 2]), np.sin(z[:, 2])
+            zero = np.zeros_like(c)
+            axes = np.stack(
+                [
+                    np.stack([ce * c, ce * s, se], axis=1),
+                    np.stack([-s, c, zero], axis=1),
+                    np.stack([-se * c, -se * s, ce], axis=1),
+                ],
+                axis=1,
+            )
+            level = across * np.maximum(ce**2, self.sigmas[2] ** 2)
+            scale = np.stack(
+                [
+                    np.full_like(across, self.sigmas[0] ** 2),
+                    level * self.sigmas[1] ** 2,
+                    across * self.sigmas[2] ** 2,
+                ],
+                axis=1,
+            )
+        return np.asarray(np.einsum("mki,mk,mkj->mij", axes, scale, axes))
+
+    def measure(self, targets: FloatArray, pose: FloatArray) -> FloatArray:
+        """Noiseless measurements (n, s) of targets (d, n), (6)-(9)."""
+        targets = checked_points(targets, self.dimension)
+        pose = checked_poses(pose)[0]
+        dx, dy = targets[0] - pose[0], targets[1] - pose[1]
+        level = np.hypot(dx, dy)
+        bearing = np.arctan2(dy, dx) - (pose[3] if self.body_frame else 0.0)
+        columns = [level, wrapped(bearing)]
+        if self.dimension == 3:
+            dz = targets[2] - pose[2]
+            columns = [np.hypot(level, dz), wrapped(bearing), np.arctan2(dz, level)]
+        return np.stack(columns, axis=1)
+
+    def sample(self, targets: FloatArray, pose: FloatArray, rng: np.random.Generator) -> FloatArray:
+        """One random measurement set (m, s) of targets (d, n): detections, noise and clutter, shuffled."""
+        pose = checked_poses(pose)[0]
+        targets = checked_points(targets, self.dimension)
+        seen = rng.random(targets.shape[1]) < self.field.detection(targets, pose)[0]
+        z = self.measure(targets[:, seen], pose)
+        z += rng.standard_normal(z.shape) * self.sigmas
+        false = rng.uniform(
+            self.clutter_low, self.clutter_high, (rng.poisson(self.clutter), self.measurement_size)
+        )
+        false[:, 1] += self._clutter_turn(pose)
+        z = np.concatenate([z, false])
+        z[:, 1] = wrapped(z[:, 1])
+        return rng.permutation(z, axis=0)
+
+    def outline(self, pose: FloatArray) -> FloatArray:
+        """A closed polyline (k, 3) that shows the field of view at pose, for people."""
+        return self.field.outline(checked_poses(pose)[0])
+
+    def _in_world(self, measurements: FloatArray, pose: FloatArray) -> FloatArray:
+        if not self.body_frame:
+            return measurements
+        turned = measurements.copy()
+        turned[:, 1] += pose[3]
+        return turned
+
+    def _clutter_turn(self, pose: FloatArray) -> float:
+        """What turns the clutter's support: a sector follows yaw also where bearings are in the world frame."""
+        return float(pose[3]) if self.field.shape == "sector" and not self.body_frame else 0.0
+
+
+def wrapped(angles: FloatArray) -> FloatArray:
+    """Angles brought into -pi..pi."""
+    return np.asarray((angles + pi) % (2 * pi) - pi)
+
+
+def _field(config: RangeBearingConfig, d: int) -> FieldOfView:
+    """The field of view of a mission's table."""
+    breaks, gains = np.array(config.range_breaks_m), np.array(config.range_gains)
+    if breaks.size != gains.size:
+        raise ValueError(f"range_gains: {gains.size} numbers for {breaks.size} range_breaks_m")
+    if (np.diff(breaks) <= 0).any():
+        raise ValueError("range_breaks_m: must grow")
+    shape = config.field_of_view
+    turns = config.box_frame == "body"
+    if shape == "exponential":
+        size = np.array(config.reach_m or [])
+        if size.size != d:
+            raise ValueError(
+                f"reach_m: an exponential field of view needs {d} numbers here, found {size.size}"
+            )
+    elif shape == "box":
+        size = np.array(config.box_m or []).ravel()
+        if size.size != 2 * d:
+            raise ValueError(f"box_m: needs {d} pairs here, found {size.size // 2}")
+        if not (np.isfinite(size).all() and (size[::2] < size[1::2]).all()):
+            raise ValueError("box_m: every pair must be [least, greatest]")
+    else:
+        if config.range_m is None or config.angle_deg is None:
+            raise ValueError(
+                f"{'angle_deg' if config.range_m else 'range_m'}: a sector field of view needs it"
+            )
+        if config.min_range_m >= config.range_m:
+            raise ValueError("min_range_m: must be less than range_m")
+        size = np.array([config.min_range_m, config.range_m, np.radians(config.angle_deg)])
+    return FieldOfView(d, shape, config.gain, size, turns, breaks, gains)
