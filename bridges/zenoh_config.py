@@ -20,11 +20,11 @@ def configuration(
     *,
     connect: tuple[str, ...] = (),
     listen: tuple[str, ...] = (),
-    keep_trying: bool = False,
+    listen_if_free: bool = False,
 ) -> zenoh.Config:
     """The configuration of a session in `mode`, for the endpoints given.
 
-    An endpoint to listen on that is not free is an error, or, with `keep_trying`, is waited for.
+    An endpoint to listen on that is not free is an error, or, with `listen_if_free`, left to who has it.
 
     Raises:
         LinkError: if an endpoint is no endpoint.
@@ -48,12 +48,14 @@ def configuration(
         # read, in a router at the cost of everybody else; Zenoh's 5 s would freeze a whole team.
         "transport/link/tx/queue/congestion_control/block/wait_before_close": lease_ms * 1000 // 2,
     }
+    if mode == "router":
+        settings["scouting/delay"] = 0  # half a second of waiting for others, though nobody can be there yet
     if mode == "client":
         settings["connect/timeout_ms"] = 2000
-    if keep_trying:
-        settings["listen/timeout_ms"] = -1
+    if listen_if_free:
+        # Once, and not again: while Zenoh waits for a port, closing the session hangs for ten seconds.
+        settings["listen/timeout_ms"] = 0
         settings["listen/exit_on_failure"] = False
-        settings["listen/retry"] = RETRY
     config = zenoh.Config()
     for name, value in settings.items():
         try:

@@ -283,10 +283,12 @@ class ZenohTransport(Transport):
             time.sleep(0.25)
 
     def _join_mesh(self) -> zenoh.Session:
-        # Every process tries to take each meeting point that is its own machine's address, and goes on
-        # trying: when the process that held it dies, another takes over, and newcomers still find us.
+        # Every process takes those meeting points that are its own machine's address and free. When the
+        # holder of one dies, the others know each other, and the next to start takes it and is found there.
         listen = (free_port_endpoint(self._endpoints), *self._endpoints)
-        config = configuration(self._link, "peer", connect=self._endpoints, listen=listen, keep_trying=True)
+        config = configuration(
+            self._link, "peer", connect=self._endpoints, listen=listen, listen_if_free=True
+        )
         try:
             return zenoh.open(config)
         except zenoh.ZError as error:
