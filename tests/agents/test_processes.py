@@ -1,0 +1,62 @@
+"""The process table and the commands made from it."""
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from agents.mission import Mission, RestartTable
+from agents.processes import PROCESSES, Launch, commands
+
+MISSION = msgspec.convert(
+    {
+        "name": "m",
+        "area": {"min": [0, 0], "max": [1, 1]},
+        "world": {"kind": "w"},
+        "filter": {"kind": "f"},
+        "planner": {"kind": "p"},
+        "robots": [
+            {"id": robot, "start": [0, 0], "vehicle": {"kind": "v"}, "sensor": {"kind": "s"}}
+            for robot in ("r1", "r2")
+        ],
+    },
+    Mission,
+)
+LAUNCH = Launch(Path("run/mission.toml"), Path("run"), ("tcp/127.0.0.1:1", "tcp/127.0.0.1:2"), 7, 2.0, "none")
+
+
+def test_a_swarm_is_the_fusion_first_and_then_one_process_per_robot() -> None:
+    assert [(c.name, c.role) for c in commands(MISSION, LAUNCH)] == [
+        ("fusion", "fusion"),
+        ("r1", "robot"),
+        ("r2", "robot"),
+    ]
+
+
+def test_the_viewer_runs_only_when_asked_for() -> None:
+    assert "watch" in [c.name for c in commands(MISSION, replace(LAUNCH, view="spawn"))]
+
+
+def test_a_command_is_what_a_person_would_type() -> None:
+    fusion, robot, _ = commands(MISSION, LAUNCH)
+    connect = ("--connect", "tcp/127.0.0.1:1", "--connect", "tcp/127.0.0.1:2")
+    prefix = (sys.executable, "-m", "agents.cli")
+    assert robot.argv == (*prefix, "robot", "run/mission.toml", "--id", "r1", *connect)
+    assert fusion.argv == (
+        *(*prefix, "fusion", "run/mission.toml", "--out", "run", *connect),
+        *("--seed", "7", "--speed", "2"),
+    )
+
+
+@pytest.mark.parametrize("robot", ["never", "always"])
+def test_restarts_are_as_the_mission_says(robot: str) -> None:
+    table = msgspec.convert({"robot": robot, "fusion": "never"}, RestartTable)
+    made = commands(msgspec.structs.replace(MISSION, restart=table), replace(LAUNCH, view="auto"))
+    assert {c.role: c.restart for c in made} == {"fusion": "never", "watch": "never", "robot": robot}
+
+
+def test_every_role_of_the_table_is_a_verb_and_named_once() -> None:
+    roles = [row.role for row in PROCESSES]
+    assert len(set(roles)) == len(roles)
