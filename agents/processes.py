@@ -1,4 +1,4 @@
-"""The process table: which processes a team has, when they run, and what happens when one dies.
+"""The process table: which processes a team has, in which order they start, and what follows a death.
 
 `searchparty swarm` starts what this table says, and starts it with the same commands that a person types on
 the hosts of a team in the field.
@@ -20,16 +20,15 @@ class Process:
 
     role: str  # also the verb of the command line
     per_robot: bool  # one for each robot of the mission, named by its id; else one, named by its role
-    when: Literal["always", "with view"]
     restart: Restart | Literal["as the mission says"]  # mission.restart.ROLE
     options: tuple[str, ...]  # which of the launch's values go on its command line
 
 
 PROCESSES = (
-    Process("fusion", False, "always", "as the mission says", ("out", "connect", "seed", "speed")),
+    Process("fusion", False, "as the mission says", ("out", "connect", "speed")),
     # A dead viewer costs the picture, a restarted one would write over the record of the start.
-    Process("watch", False, "with view", "never", ("out", "connect", "view")),
-    Process("robot", True, "always", "as the mission says", ("id", "connect")),
+    Process("watch", False, "never", ("out", "connect", "view")),
+    Process("robot", True, "as the mission says", ("id", "connect")),
 )
 
 
@@ -37,10 +36,9 @@ PROCESSES = (
 class Launch:
     """What a launcher knows of this run and the mission file does not."""
 
-    mission_file: Path  # the resolved one, in the run directory
+    mission_file: Path  # the resolved one, in the run directory; holds the seed
     out: Path
     endpoints: tuple[str, ...]
-    seed: int
     speed: float = 1.0
     view: str = "none"
 
@@ -59,8 +57,6 @@ def commands(mission: Mission, launch: Launch) -> list[Command]:
     """The processes of a mission's local swarm, in start order."""
     made: list[Command] = []
     for row in PROCESSES:
-        if row.when == "with view" and launch.view == "none":
-            continue
         restart: Restart = (
             row.restart if row.restart != "as the mission says" else _restart(mission, row.role)
         )
@@ -79,7 +75,6 @@ def _argv(row: Process, name: str, launch: Launch) -> tuple[str, ...]:
         "id": [name],
         "out": [str(launch.out)],
         "connect": list(launch.endpoints),
-        "seed": [str(launch.seed)],
         "speed": [f"{launch.speed:g}"],
         "view": [launch.view],
     }

@@ -26,7 +26,6 @@ from agents.mission import LinkTable
 from agents.topics import PICTURE, POSE, TRUTH, Topic, key
 from agents.transport import Inbox, Peer, PeerChange, Received, Transport
 from bridges.zenoh_config import NO_ROUTER, configuration, free_port_endpoint
-from bridges.zenoh_router import Router
 
 _log = logging.getLogger(__name__)
 
@@ -123,8 +122,6 @@ class ZenohTransport(Transport):
     star, router: a client of the router at the endpoints. mesh: a peer that listens on a free port, meets
     the others at the endpoints, and is itself the meeting point if an endpoint is its machine's and free.
     """
-
-    hub = Router  # what a launcher opens, before the first transport, for the team to meet
 
     def __init__(self, link: LinkTable, team: str, *, endpoints: tuple[str, ...] | None = None) -> None:
         self._link = link

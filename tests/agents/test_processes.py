@@ -1,7 +1,6 @@
 """The process table and the commands made from it."""
 
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -24,36 +23,34 @@ MISSION = msgspec.convert(
     },
     Mission,
 )
-LAUNCH = Launch(Path("run/mission.toml"), Path("run"), ("tcp/127.0.0.1:1", "tcp/127.0.0.1:2"), 7, 2.0, "none")
+LAUNCH = Launch(Path("run/mission.toml"), Path("run"), ("tcp/127.0.0.1:1", "tcp/127.0.0.1:2"), 2.0, "spawn")
 
 
-def test_a_swarm_is_the_fusion_first_and_then_one_process_per_robot() -> None:
+def test_a_swarm_is_the_fusion_first_the_viewer_and_one_process_per_robot() -> None:
     assert [(c.name, c.role) for c in commands(MISSION, LAUNCH)] == [
         ("fusion", "fusion"),
+        ("watch", "watch"),
         ("r1", "robot"),
         ("r2", "robot"),
     ]
 
 
-def test_the_viewer_runs_only_when_asked_for() -> None:
-    assert "watch" in [c.name for c in commands(MISSION, replace(LAUNCH, view="spawn"))]
-
-
 def test_a_command_is_what_a_person_would_type() -> None:
-    fusion, robot, _ = commands(MISSION, LAUNCH)
+    fusion, watch, robot, _ = commands(MISSION, LAUNCH)
     connect = ("--connect", "tcp/127.0.0.1:1", "--connect", "tcp/127.0.0.1:2")
     prefix = (sys.executable, "-m", "agents.cli")
     assert robot.argv == (*prefix, "robot", "run/mission.toml", "--id", "r1", *connect)
     assert fusion.argv == (
         *(*prefix, "fusion", "run/mission.toml", "--out", "run", *connect),
-        *("--seed", "7", "--speed", "2"),
+        *("--speed", "2"),
     )
+    assert watch.argv[3:] == ("watch", "run/mission.toml", "--out", "run", *connect, "--view", "spawn")
 
 
 @pytest.mark.parametrize("robot", ["never", "always"])
 def test_restarts_are_as_the_mission_says(robot: str) -> None:
     table = msgspec.convert({"robot": robot, "fusion": "never"}, RestartTable)
-    made = commands(msgspec.structs.replace(MISSION, restart=table), replace(LAUNCH, view="auto"))
+    made = commands(msgspec.structs.replace(MISSION, restart=table), LAUNCH)
     assert {c.role: c.restart for c in made} == {"fusion": "never", "watch": "never", "robot": robot}
 
 
