@@ -1,0 +1,100 @@
+"""What planned measurements leave unexplored at the grid points that matter, (MA)ASI (21), (32)."""
+
+import numpy as np
+
+from estimator.arrays import FloatArray, IntArray
+from estimator.exploration import Exploration
+from estimator.kernels import kernel
+from estimator.sensor import SensorModel
+from planner.commitments import SAME_INSTANT
+
+BATCH = 1_000_000  # detection probabilities held at once: 8 MB
+LOOKS_AT_ONCE = 8  # measurements handed to the sensor model together; the later ones touch fewer corners
+
+
+def cell_corners(exploration: Exploration, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The corners (d, n * 2^d) of the cells around points (n, d), and the share (n * 2^d,) of each.
+
+    The shares of a point add up to e there, by multilinear interpolation; outside the grid, to e at the
+    nearest place inside.
+    """
+    values = exploration.values
+    count = points.shape[0] << values.ndim
+    corners, shares = np.empty((values.ndim, count)), np.empty(count)
+    shape = np.array(values.shape, dtype=np.int64)
+    places = np.ascontiguousarray(points)
+    _cell_corners(values.ravel(), shape, exploration.low, exploration.high, places, corners, shares)
+    return corners, shares
+
+
+@kernel
+def _cell_corners(
+    values: FloatArray,
+    shape: IntArray,
+    low: FloatArray,
+    high: FloatArray,
+    points: FloatArray,
+    corners: FloatArray,
+    shares: FloatArray,
+) -> None:
+    d = shape.size
+    node = np.zeros(d, dtype=np.int64)
+    share = np.zeros(d)
+    for i in range(points.shape[0]):
+        for a in range(d):
+            node[a], share[a] = 0, 0.0
+            if shape[a] > 1 and high[a] > low[a]:
+                u = (points[i, a] - low[a]) / (high[a] - low[a]) * (shape[a] - 1)
+                u = min(max(u, 0.0), shape[a] - 1.0)
+                node[a] = min(int(u), shape[a] - 2)
+                share[a] = u - node[a]
+        for corner in range(1 << d):
+            column = (i << d) + corner
+            index = 0
+            weight = 1.0
+            for a in range(d):
+                up = (corner >> a) & 1
+                n = min(node[a] + up, shape[a] - 1)
+                index = index * shape[a] + n
+                weight *= share[a] if up else 1.0 - share[a]
+                corners[a, column] = low[a]
+                if shape[a] > 1:
+                    corners[a, column] += (high[a] - low[a]) * n / (shape[a] - 1)
+            shares[column] = weight * values[index]
+
+
+def explore(
+    sensor: SensorModel,
+    look_times: FloatArray,
+    look_poses: FloatArray,
+    times: FloatArray,
+    corners: FloatArray,
+    shares: FloatArray,
+) -> None:
+    """Take from the shares what measurements explore, in place, (32).
+
+    Args:
+        sensor: of the robot that measures.
+        look_times: (k,) in growing order; a measurement counts at corners of the same time or later.
+        look_poses: (k, 4).
+        times: (n,) when each corner is looked at, in growing order.
+        corners: (d, n).
+        shares: (n,).
+    """
+    wide = max(1, BATCH // LOOKS_AT_ONCE)
+    for first in range(0, look_times.size, LOOKS_AT_ONCE):
+        some = slice(first, first + LOOKS_AT_ONCE)
+        begin = int(np.searchsorted(times, look_times[first] - SAME_INSTANT))
+        for left in range(begin, shares.size, wide):
+            part = slice(left, min(left + wide, shares.size))
+            detection = sensor.detection(np.ascontiguousarray(corners[:, part]), look_poses[some])
+            _undetected(shares[part], detection, look_times[some], times[part])
+
+
+@kernel
+def _undetected(shares: FloatArray, detection: FloatArray, look_times: FloatArray, times: FloatArray) -> None:
+    """shares (n,) times prod (1 - detection (k, n)) over the measurements not after the time of each."""
+    for k in range(detection.shape[0]):
+        for i in range(shares.size):
+            if look_times[k] <= times[i] + SAME_INSTANT:
+                shares[i] *= 1.0 - detection[k, i]

@@ -1,0 +1,202 @@
+"""What each candidate of one robot promises: the (MA)ASI objective (17)-(22), (27)-(32), term by term.
+
+The predicted exploration function ê is only ever asked for at the poses of planned measurements, where it is
+interpolated from the corners of one grid cell. So ê is followed at these corners alone, as a product of what
+each measurement before leaves unexplored there; the grid is never copied.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.arrays import BoolArray, FloatArray, IntArray
+from estimator.sensor import SensorModel
+from planner.commitments import looks, position_at, usable
+from planner.coverage import BATCH, cell_corners, explore
+from planner.plan import Commitment, PlannerSetup, PlanProblem, Predictions, VehicleModel
+from planner.prediction import measure_steps
+from planner.separation import clearances, finer
+
+SAME_PLACE = 1e-6  # m
+
+
+@dataclass(frozen=True, slots=True)
+class Outlook:
+    """w candidates of one robot with r planned measurements in all, each with 2^d corners around it."""
+
+    start_time: float
+    control_period: float
+    predictions: Predictions  # times and poses of the measurements only
+    control: FloatArray  # (w,) C, (28)
+    refinement: FloatArray  # (w,) T, (29)
+    candidate: IntArray  # (r,) which candidate a measurement belongs to
+    times: FloatArray  # (r * 2^d,) team time at which each corner is looked at
+    corners: FloatArray  # (d, r * 2^d) grid points around the measurement poses
+    shares: FloatArray  # (r * 2^d,) interpolation weight times ê after own and committed measurements
+    way: Predictions  # with samples of the ways between the measurements, if separation asks for them
+    clearance: FloatArray  # (w,) metres kept from the others' committed ways; infinite if nobody asked
+    clear: BoolArray  # (w,) whether that is enough
+
+    @property
+    def steps(self) -> IntArray:
+        """(w,) control steps K."""
+        return self.predictions.steps
+
+    @property
+    def end_times(self) -> FloatArray:
+        """(w,) team time of arrival."""
+        return self.start_time + self.steps.astype(np.float64) * self.control_period
+
+    @property
+    def exploration(self) -> FloatArray:
+        """(w,) E, (31), with what is known of the others."""
+        return self.explored(self.shares)
+
+    def explored(self, shares: FloatArray) -> FloatArray:
+        """(w,) the sum of `shares` per candidate."""
+        per_look = shares.reshape(-1, 1 << self.corners.shape[0]).sum(axis=1)
+        return totals(self.candidate, per_look, self.steps.size)
+
+
+def totals(index: IntArray, values: FloatArray, size: int) -> FloatArray:
+    """(size,) sums of the values (r,) that share an index (r,)."""
+    sums = np.zeros(size)
+    np.add.at(sums, index, values)
+    return sums
+
+
+def outlook(
+    problem: PlanProblem,
+    setup: PlannerSetup,
+    waypoints: FloatArray,
+    others: tuple[Commitment, ...],
+    ways: bool = False,
+) -> Outlook:
+    """Predict the way to every waypoint (w, 3), and all that the objective needs to know of it.
+
+    Args:
+        problem: with a finite state.
+        setup: the team's models; that of the problem's robot must be there.
+        waypoints: candidates.
+        others: commitments to condition on.
+        ways: sample the ways finely even without a separation to keep.
+    """
+    vehicle, sensor = setup.vehicles[problem.robot], setup.sensors[problem.robot]
+    others = tuple(other for other in others if usable(other) and other.robot != problem.robot)
+    every = measure_steps(problem.measure_period, vehicle.control_period)
+    apart = problem.separation > 0 and bool(others)
+    parts = finer(every, vehicle.control_period) if apart or ways else 1
+    way = vehicle.predict(problem.state, waypoints, every / parts * vehicle.control_period)
+    predictions = way if parts == 1 else _every(way, parts)
+    clearance, clear = _clearance(problem, vehicle, way, others if apart else ())
+
+    poses = predictions.measure_poses
+    corners, shares = cell_corners(problem.exploration, poses[:, : problem.exploration.values.ndim])
+    times = problem.start_time + np.repeat(predictions.measure_times, 1 << corners.shape[0])
+    candidate = np.repeat(np.arange(len(waypoints)), np.diff(predictions.offsets))
+    _own_looks(sensor, problem.start_time, predictions, times, corners, shares)
+    _others_looks(problem, setup, others, times, corners, shares)
+    return Outlook(
+        start_time=problem.start_time,
+        control_period=vehicle.control_period,
+        predictions=predictions,
+        control=predictions.control_costs,
+        refinement=_refinement(sensor, problem.clusters, predictions, candidate),
+        candidate=candidate,
+        times=times,
+        corners=corners,
+        shares=shares,
+        way=way,
+        clearance=clearance,
+        clear=clear,
+    )
+
+
+def _own_looks(
+    sensor: SensorModel,
+    start_time: float,
+    predictions: Predictions,
+    times: FloatArray,
+    corners: FloatArray,
+    shares: FloatArray,
+) -> None:
+    """Each candidate's measurements explore what they look at and what its later ones look at, (21)."""
+    offsets, poses = predictions.offsets, predictions.measure_poses
+    look_times = start_time + predictions.measure_times
+    for i in range(offsets.size - 1):
+        rows = slice(offsets[i], offsets[i + 1])
+        columns = slice(offsets[i] << corners.shape[0], offsets[i + 1] << corners.shape[0])
+        explore(sensor, look_times[rows], poses[rows], times[columns], corners[:, columns], shares[columns])
+
+
+def _others_looks(
+    problem: PlanProblem,
+    setup: PlannerSetup,
+    others: tuple[Commitment, ...],
+    times: FloatArray,
+    corners: FloatArray,
+    shares: FloatArray,
+) -> None:
+    """The others' committed measurements explore too, (32)."""
+    known = [other for other in others if other.robot in setup.sensors]
+    if not known or times.size == 0:
+        return
+    order = np.argsort(times, kind="stable")
+    ordered, points, left = times[order], corners[:, order], shares[order]
+    for other in known:
+        when, where = looks(other, problem.start_time, float(ordered[-1]))
+        explore(setup.sensors[other.robot], when, where, ordered, points, left)
+    shares[order] = left
+
+
+def _refinement(
+    sensor: SensorModel, clusters: FloatArray, predictions: Predictions, candidate: IntArray
+) -> FloatArray:
+    """(w,) T, (19), (29): p_D of the cluster centres, summed over the planned measurements."""
+    poses = predictions.measure_poses
+    seen = np.zeros(len(poses))
+    clusters = np.ascontiguousarray(clusters[:, np.isfinite(clusters).all(axis=0)])
+    if clusters.shape[1]:
+        rows = max(1, BATCH // clusters.shape[1])
+        for first in range(0, len(poses), rows):
+            some = slice(first, first + rows)
+            seen[some] = sensor.detection(clusters, poses[some]).sum(axis=1)
+    return totals(candidate, seen, predictions.steps.size)
+
+
+def _clearance(
+    problem: PlanProblem, vehicle: VehicleModel, way: Predictions, others: tuple[Commitment, ...]
+) -> tuple[FloatArray, BoolArray]:
+    """Metres kept from the others, and whether they are enough.
+
+    Robots that are too close already need only come no closer, or they would hold each other for ever.
+    """
+    least = np.full(way.steps.size, np.inf)
+    enough = np.ones(way.steps.size, dtype=np.bool_)
+    here = vehicle.pose(problem.state)[:3]
+    ends = np.array([vehicle.pose(state)[:3] for state in way.end_states]).reshape(-1, 3)
+    arrivals = way.steps.astype(np.float64) * vehicle.control_period
+    for other in others:
+        kept = clearances(
+            problem.start_time, way.offsets, way.measure_times, way.measure_poses, arrivals, ends, other
+        )
+        now = float(np.linalg.norm(here - position_at(other, problem.start_time)))
+        least = np.minimum(least, kept)
+        enough &= kept >= min(problem.separation, now) - SAME_PLACE
+    return least, enough
+
+
+def _every(way: Predictions, parts: int) -> Predictions:
+    """The measurements alone, of predictions with `parts` samples for each."""
+    rank = np.arange(way.offsets[-1]) - np.repeat(way.offsets[:-1], np.diff(way.offsets))
+    keep = rank % parts == 0
+    offsets = np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(keep)])[way.offsets]
+    return Predictions(
+        waypoints=way.waypoints,
+        steps=way.steps,
+        control_costs=way.control_costs,
+        offsets=offsets,
+        measure_times=way.measure_times[keep],
+        measure_poses=way.measure_poses[keep],
+        end_states=way.end_states,
+    )

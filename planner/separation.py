@@ -1,0 +1,102 @@
+"""How near the ways to the candidates come to the ways of other robots."""
+
+import math
+
+import numpy as np
+
+from estimator.arrays import FloatArray, IntArray
+from estimator.kernels import kernel
+from planner.plan import Commitment
+
+SAMPLE_S = 0.25  # between samples of a way; in between both robots are taken to move straight
+
+
+def finer(measure_steps: int, control_period: float) -> int:
+    """Into how many equal parts to cut the measurement period for samples at most SAMPLE_S apart."""
+    parts = max(1, math.ceil(measure_steps * control_period / SAMPLE_S - 1e-9))
+    while measure_steps % parts:
+        parts += 1
+    return parts
+
+
+def clearances(
+    start_time: float,
+    offsets: IntArray,
+    times: FloatArray,
+    poses: FloatArray,
+    end_times: FloatArray,
+    ends: FloatArray,
+    other: Commitment,
+) -> FloatArray:
+    """Smallest distance (w,) in metres between the way to each of w candidates and another robot.
+
+    Args:
+        offsets: (w + 1,) candidate i has the samples offsets[i]:offsets[i + 1].
+        times: of the samples, seconds after the start.
+        poses: of the samples, (total, 4).
+        end_times: (w,) seconds after the start at which each candidate is reached.
+        ends: (w, 3) position there.
+        other: its way is taken between its own samples, and standing before the first and after the last.
+    """
+    least = np.empty(offsets.size - 1)
+    if other.times.size == 0:
+        least.fill(np.inf)
+        return least
+    _clearances(offsets, times, poses, end_times, ends, other.times - start_time, other.poses, least)
+    return least
+
+
+@kernel
+def _clearances(
+    offsets: IntArray,
+    times: FloatArray,
+    poses: FloatArray,
+    end_times: FloatArray,
+    ends: FloatArray,
+    other_times: FloatArray,
+    other_poses: FloatArray,
+    least: FloatArray,
+) -> None:
+    own = np.empty(3)
+    gap = np.empty(3)
+    before = np.empty(3)
+    for i in range(least.size):
+        best = np.inf
+        k = 0  # the other is between its samples k - 1 and k
+        for row in range(offsets[i], offsets[i + 1] + 1):
+            last = row == offsets[i + 1]
+            t = end_times[i] if last else times[row]
+            for c in range(3):
+                own[c] = ends[i, c] if last else poses[row, c]
+            while k < other_times.size and other_times[k] <= t:
+                k += 1
+            for c in range(3):
+                if k == 0:
+                    there = other_poses[0, c]
+                elif k == other_times.size:
+                    there = other_poses[k - 1, c]
+                else:
+                    share = (t - other_times[k - 1]) / (other_times[k] - other_times[k - 1])
+                    there = other_poses[k - 1, c] + share * (other_poses[k, c] - other_poses[k - 1, c])
+                gap[c] = own[c] - there
+            square = gap[0] ** 2 + gap[1] ** 2 + gap[2] ** 2
+            if row > offsets[i]:
+                square = min(square, _nearest(before, gap))
+            best = min(best, square)
+            before[:] = gap
+        least[i] = np.sqrt(best)
+
+
+@kernel
+def _nearest(a: FloatArray, b: FloatArray) -> float:
+    """Square of the distance of the segment from a to b to the origin."""
+    along = 0.0
+    length = 0.0
+    for c in range(3):
+        along -= a[c] * (b[c] - a[c])
+        length += (b[c] - a[c]) ** 2
+    share = min(max(along / length, 0.0), 1.0) if length > 0.0 else 0.0
+    total = 0.0
+    for c in range(3):
+        total += (a[c] + share * (b[c] - a[c])) ** 2
+    return total
