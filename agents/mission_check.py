@@ -8,7 +8,7 @@ import msgspec
 from rich.console import Console
 from rich.syntax import Syntax
 
-from agents.errors import MissionError
+from agents.errors import DataError, MissionError
 from agents.mission import Mission
 from agents.mission_file import WrongMissionError, dumps, find, load, mission_hash
 from agents.team import Team
@@ -22,7 +22,7 @@ def check(path_or_name: str, *, as_json: bool) -> int:
     """
     try:
         mission = load(path_or_name)
-        Team.of(mission)  # plugins may refuse what no key by itself shows
+        lacking = _refused_by_plugins(mission)
     except MissionError as error:
         if not as_json:
             raise
@@ -31,10 +31,22 @@ def check(path_or_name: str, *, as_json: bool) -> int:
     if as_json:
         plain = msgspec.to_builtins(mission)
         head = {"ok": True, "file": str(find(path_or_name)), "hash": mission_hash(mission)}
-        print(json.dumps({**head, "mission": plain}, indent=2))
+        print(json.dumps({**head, "lacking": lacking, "mission": plain}, indent=2))
     else:
         _print(mission)
+        for sentence in lacking:
+            print(f"but not to be run here: {sentence}", file=sys.stderr)
     return 0
+
+
+def _refused_by_plugins(mission: Mission) -> list[str]:
+    """What this machine lacks for a mission that is right; raises MissionError if it is not."""
+    team = Team.of(mission)
+    try:
+        team.world(mission.seed)
+    except DataError as error:
+        return [str(error)]
+    return []
 
 
 def _mistakes(path_or_name: str, error: MissionError) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import msgspec
 import pytest
 
 from agents import plugins
-from agents.errors import MissionError
+from agents.errors import DataError, MissionError
 from estimator.arrays import Count, Fraction, Positive
 from estimator.filter import Area
 
@@ -24,6 +24,8 @@ class World:
 
     @staticmethod
     def world(config: Any, area: Area, seed: int) -> Any:
+        if config.data is not None and not config.data.is_dir():
+            raise DataError(f"{config.data} is no directory")
         return SimpleNamespace(config=config, area=area, seed=seed)
 
 

@@ -135,6 +135,17 @@ def test_what_a_plugin_refuses_exits_2(run: Run, mission: Path) -> None:
     assert "robots[1].sensor: reach_m" in err
 
 
+def test_a_right_mission_whose_data_is_not_here_is_right(run: Run, mission: Path, tmp_path: Path) -> None:
+    mission.write_text(MISSION.replace("targets = 3", 'targets = 3\ndata = "recording"'))
+    code, out, err = run("check", mission)
+    assert code == 0
+    assert 'data = "recording"' in out
+    assert f"not to be run here: {tmp_path / 'recording'} is no directory" in err
+    assert json.loads(run("check", mission, "--json")[1])["lacking"] == [
+        f"{tmp_path / 'recording'} is no directory"
+    ]
+
+
 def test_swarm_hands_on_its_options_and_the_exit_status(
     run: Run, mission: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
