@@ -1,0 +1,88 @@
+"""Round trip of a measurement set between two processes through the router of a local swarm.
+
+The interesting part is not the wire (tens of microseconds) but how quickly idle processes wake up, so the
+pauses between messages are those of a slow sensor and of a fast one.
+"""
+
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from agents import codec
+from agents.messages import MeasurementSetMessage
+from agents.mission import LinkTable
+from agents.topics import SET
+from agents.transport import Peer
+from bridges.zenoh_router import Router
+from bridges.zenoh_transport import ZenohTransport
+from tests.bridges.zenoh_child import TEAM
+
+DEADLINE_S = 5.0
+
+
+def measurement_set(sequence: int) -> bytes:
+    """Twelve range-bearing-elevation measurements, a busy instant."""
+    message = MeasurementSetMessage(
+        team=TEAM,
+        sender="a",
+        boot="b",
+        sequence=sequence,
+        time=0.0,
+        pose=np.zeros(4),
+        measurements=np.ones((12, 3)),
+    )
+    return codec.encode(message)
+
+
+@pytest.fixture
+def link() -> Iterator[tuple[ZenohTransport, threading.Event]]:
+    """This process's end of the network, with an echo in another process."""
+    arrived = threading.Event()
+    with Router(LinkTable()) as router, ZenohTransport(LinkTable(), TEAM, endpoints=router.endpoints) as here:
+        here.open(Peer("robot", "here", "1"), arrived.set)
+        here.subscribe(SET)
+        command = [sys.executable, "-m", "tests.bridges.zenoh_child", router.endpoint, "there", "echo"]
+        with subprocess.Popen(command, stdout=subprocess.PIPE) as echo:
+            try:
+                assert echo.stdout is not None
+                echo.stdout.readline()
+                yield here, arrived
+            finally:
+                echo.kill()
+
+
+@pytest.mark.parametrize(("name", "pause_s", "rounds"), [("slow", 0.2, 20), ("40hz", 0.025, 120)])
+def test_link_round_trip(
+    link: tuple[ZenohTransport, threading.Event], benchmark: Any, name: str, pause_s: float, rounds: int
+) -> None:
+    transport, arrived = link
+    times: list[float] = []
+    payload = measurement_set(0)
+
+    def rest() -> None:
+        time.sleep(pause_s)
+        arrived.clear()
+        transport.drain()
+
+    def there_and_back() -> None:
+        began = time.perf_counter()
+        transport.publish(SET, payload)
+        while not any(item.payload == payload for item in transport.drain()):
+            assert arrived.wait(DEADLINE_S), "no answer"
+            arrived.clear()
+        times.append((time.perf_counter() - began) * 1e3)
+
+    benchmark.pedantic(there_and_back, setup=rest, rounds=rounds, warmup_rounds=3)
+    measured = times[-rounds:]
+    benchmark.extra_info |= {
+        f"link_round_trip_{name}_p50_ms": round(float(np.percentile(measured, 50)), 3),
+        f"link_round_trip_{name}_p99_ms": round(float(np.percentile(measured, 99)), 3),
+        "payload_bytes": len(payload),
+    }
+    assert transport.statistics()["missed"] == 0
