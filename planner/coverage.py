@@ -9,7 +9,7 @@ from estimator.sensor import SensorModel
 from planner.commitments import SAME_INSTANT
 
 BATCH = 1_000_000  # detection probabilities held at once: 8 MB
-LOOKS_AT_ONCE = 8  # measurements handed to the sensor model together; the later ones touch fewer corners
+CALL = 30_000  # detection probabilities worth a call of their own; fewer measurements a call touch less
 
 
 def cell_corners(exploration: Exploration, points: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -81,9 +81,10 @@ def explore(
         corners: (d, n).
         shares: (n,).
     """
-    wide = max(1, BATCH // LOOKS_AT_ONCE)
-    for first in range(0, look_times.size, LOOKS_AT_ONCE):
-        some = slice(first, first + LOOKS_AT_ONCE)
+    together = min(max(CALL // max(shares.size, 1), 8), 64)
+    wide = BATCH // together
+    for first in range(0, look_times.size, together):
+        some = slice(first, first + together)
         begin = int(np.searchsorted(times, look_times[first] - SAME_INSTANT))
         for left in range(begin, shares.size, wide):
             part = slice(left, min(left + wide, shares.size))

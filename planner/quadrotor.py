@@ -25,26 +25,16 @@ other speed along the curve that these limits allow. The reference is part of th
 passes a waypoint keeps its speed.
 """
 
-import math
-from dataclasses import dataclass
-from functools import cache
 from typing import ClassVar
 
 import msgspec
 import numpy as np
 
-from estimator.arrays import FloatArray, IntArray, Positive
-from estimator.kernels import exact_kernel
+from estimator.arrays import FloatArray, Positive
 from planner.plan import Predictions, Trajectory
-from planner.prediction import grown, measure_steps, measure_times, sampled, step_bounds
-
-GRAVITY = 9.81
-POSITION_WEIGHT = 1.0 / 15.0
-ANGLE_WEIGHT = 1000.0
-VELOCITY_WEIGHT = 1000.0
-RATE_WEIGHT = 100.0
-APPROACH = 2.0  # 1/s: the last metres of the reference, where sqrt(2 a d) would be infinitely steep
-STATES = 18  # the paper's position, angles, velocity, rates (3 each), then the reference's position, velocity
+from planner.prediction import measure_steps, measure_times, sampled, step_bounds
+from planner.quadrotor_flight import LANES, ROWS, STATES, TOLERANCE, WAYPOINT, fly, predict
+from planner.quadrotor_lqr import lqr
 
 
 class QuadrotorConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -55,18 +45,6 @@ class QuadrotorConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     tolerance_m: Positive = 0.5  # epsilon: nearer than this counts as there
     mass_kg: Positive = 0.063
     inertias_kg_m2: tuple[Positive, Positive, Positive] = (0.5829e-4, 0.7169e-4, 1.0e-4)
-
-
-@dataclass(frozen=True, slots=True)
-class Lqr:
-    """The discrete LQR of the four chains, with inputs as the accelerations that they cause."""
-
-    level: FloatArray  # (4,) gain on position, tilt, velocity, tilt rate -> angular acceleration
-    climb: FloatArray  # (2,) gain on position, velocity -> vertical acceleration
-    turn: FloatArray  # (2,) gain on yaw, yaw rate -> angular acceleration
-    lag: float  # s: level flight under a steady acceleration is this far behind its reference
-    climb_lag: float  # s, nearly the same
-    climb_weight: float  # input weight on the vertical acceleration
 
 
 class Quadrotor:
@@ -82,17 +60,10 @@ class Quadrotor:
         self.lqr = lqr(self.control_period)
         self._numbers = np.array(
             [
-                self.control_period,
-                *self.lqr.level,
-                self.lqr.lag,
-                *self.lqr.climb,
-                self.lqr.climb_lag,
-                *self.lqr.turn,
-                *config.inertias_kg_m2,
-                config.mass_kg,
-                config.speed_m_s,
-                config.acceleration_m_s2,
-                config.tolerance_m,
+                *(self.control_period, *self.lqr.level, self.lqr.lag),
+                *(*self.lqr.climb, self.lqr.climb_lag, *self.lqr.turn),
+                *(*config.inertias_kg_m2, config.mass_kg),
+                *(config.speed_m_s, config.acceleration_m_s2, config.tolerance_m),
             ]
         )
 
@@ -127,9 +98,12 @@ class Quadrotor:
         return np.array(state)
 
     def advance(self, state: FloatArray, waypoint: FloatArray, steps: int) -> FloatArray:
-        moved = np.array(state, dtype=np.float64)
-        _fly(moved, np.ascontiguousarray(waypoint, dtype=np.float64), self._numbers, steps, False)
-        return moved
+        lanes = np.zeros((ROWS, LANES))
+        lanes[:STATES] = np.asarray(state, dtype=np.float64)[:, None]
+        lanes[WAYPOINT : WAYPOINT + 3] = np.asarray(waypoint, dtype=np.float64)[:, None]
+        lanes[TOLERANCE] = -1.0
+        fly(lanes, self._numbers, steps)
+        return np.array(lanes[:STATES, 0])
 
     def reached(self, state: FloatArray, waypoint: FloatArray) -> bool:
         gap = state[:3] - waypoint
@@ -147,7 +121,7 @@ class Quadrotor:
             self.control_period,
         )
         start = np.array(state, dtype=np.float64)
-        steps, costs, offsets, poses, ends = _predict(start, targets, self._numbers, bounds, every)
+        steps, costs, offsets, poses, ends = predict(start, targets, self._numbers, bounds, every)
         times = measure_times(offsets, every * self.control_period)
         return Predictions(targets, steps, costs, offsets, times, poses, ends)
 
@@ -155,125 +129,3 @@ class Quadrotor:
         self, state: FloatArray, waypoint: FloatArray, start_time: float, measure_period: float
     ) -> Trajectory:
         return sampled(self, state, waypoint, start_time, measure_period)
-
-
-@cache
-def lqr(period: float) -> Lqr:
-    """Solve the Riccati equations of the chains; they share no state, input or weight, so it is exact."""
-    from scipy.linalg import solve_discrete_are  # noqa: PLC0415  # half a second that only quadrotors pay
-
-    def gain(a: FloatArray, b: FloatArray, weights: list[float], weight: float) -> FloatArray:
-        r = np.array([[weight]])
-        p = solve_discrete_are(a, b, np.diag(weights), r)
-        return np.asarray(np.linalg.solve(r + b.T @ p @ b, b.T @ p @ a)[0], dtype=np.float64)
-
-    level = gain(*level_chain(period), [POSITION_WEIGHT, ANGLE_WEIGHT, VELOCITY_WEIGHT, RATE_WEIGHT], 1.0)
-    lag = level[1] / (GRAVITY * level[2])
-    climb_weight = VELOCITY_WEIGHT * lag**2
-    climb = gain(*double_integrator(period), [POSITION_WEIGHT, VELOCITY_WEIGHT], climb_weight)
-    turn = gain(*double_integrator(period), [ANGLE_WEIGHT, RATE_WEIGHT], 1.0)
-    return Lqr(level, climb, turn, float(lag), float(1.0 / climb[1]), float(climb_weight))
-
-
-def level_chain(t: float) -> tuple[FloatArray, FloatArray]:
-    """A (4, 4) and B (4, 1) of position, tilt, velocity, tilt rate under an angular acceleration."""
-    a = np.array(
-        [
-            [1.0, GRAVITY * t**2 / 2, t, GRAVITY * t**3 / 6],
-            [0.0, 1.0, 0.0, t],
-            [0.0, GRAVITY * t, 1.0, GRAVITY * t**2 / 2],
-            [0.0, 0.0, 0.0, 1.0],
-        ]
-    )
-    return a, np.array([[GRAVITY * t**4 / 24], [t**2 / 2], [GRAVITY * t**3 / 6], [t]])
-
-
-def double_integrator(t: float) -> tuple[FloatArray, FloatArray]:
-    """A (2, 2) and B (2, 1) of a position and its speed under an acceleration."""
-    return np.array([[1.0, t], [0.0, 1.0]]), np.array([[t**2 / 2], [t]])
-
-
-@exact_kernel
-def _fly(s: FloatArray, waypoint: FloatArray, n: FloatArray, most: int, stop: bool) -> tuple[int, float]:
-    """Advance state s (18,) in place by at most `most` periods; with `stop`, only until within tolerance.
-
-    Returns the steps done and their control cost, sum of u^T u in N^2 and (N m)^2, (MA)ASI (18).
-    """
-    t, kp, ka, kv, kr, lag = n[0], n[1], n[2], n[3], n[4], n[5]
-    cp, cv, climb_lag, tp, tr = n[6], n[7], n[8], n[9], n[10]
-    ix2, iy2, iz2, m2 = n[11] ** 2, n[12] ** 2, n[13] ** 2, n[14] ** 2
-    speed, acceleration, tolerance2 = n[15], n[16], n[17] ** 2
-    wx, wy, wz = waypoint[0], waypoint[1], waypoint[2]
-    x, y, z, roll, pitch, yaw = s[0], s[1], s[2], s[3], s[4], s[5]
-    vx, vy, vz, p, q, r = s[6], s[7], s[8], s[9], s[10], s[11]
-    rx, ry, rz, cx, cy, cz = s[12], s[13], s[14], s[15], s[16], s[17]
-    near = acceleration / (APPROACH * APPROACH)  # where the two laws of approach meet, with equal slope
-    change = acceleration * t
-    gt, gt2, gt3, gt4 = GRAVITY * t, GRAVITY * t**2 / 2, GRAVITY * t**3 / 6, GRAVITY * t**4 / 24
-    t2 = t**2 / 2
-    cost = 0.0
-    done = 0
-    while done < most:
-        if stop and (x - wx) ** 2 + (y - wy) ** 2 + (z - wz) ** 2 <= tolerance2:
-            break
-        # The reference: aim at the waypoint as fast as still lets it stop there, change speed as allowed.
-        dx, dy, dz = wx - rx, wy - ry, wz - rz
-        gap = math.sqrt(dx * dx + dy * dy + dz * dz)
-        if gap > near:
-            scale = min(speed, math.sqrt(2.0 * acceleration * (gap - 0.5 * near))) / gap
-        else:
-            scale = min(APPROACH, speed / max(gap, 1e-12))
-        dx, dy, dz = dx * scale - cx, dy * scale - cy, dz * scale - cz
-        jump = math.sqrt(dx * dx + dy * dy + dz * dz)
-        share = change / max(jump, change)
-        cx, cy, cz = cx + dx * share, cy + dy * share, cz + dz * share
-        rx, ry, rz = rx + cx * t, ry + cy * t, rz + cz * t
-        # The LQR about it. Behind it by the lag is where a drone in steady flight belongs.
-        ux = -kp * (x - rx + lag * cx) - ka * pitch - kv * (vx - cx) - kr * q
-        uy = kp * (y - ry + lag * cy) - ka * roll + kv * (vy - cy) - kr * p
-        uz = -cp * (z - rz + climb_lag * cz) - cv * (vz - cz)
-        ut = -tp * yaw - tr * r
-        x, vx = x + t * vx + gt2 * pitch + gt3 * q + gt4 * ux, vx + gt * pitch + gt2 * q + gt3 * ux
-        y, vy = y + t * vy - gt2 * roll - gt3 * p - gt4 * uy, vy - gt * roll - gt2 * p - gt3 * uy
-        z, vz = z + t * vz + t2 * uz, vz + t * uz
-        pitch, q = pitch + t * q + t2 * ux, q + t * ux
-        roll, p = roll + t * p + t2 * uy, p + t * uy
-        yaw, r = yaw + t * r + t2 * ut, r + t * ut
-        cost += ix2 * uy * uy + iy2 * ux * ux + iz2 * ut * ut + m2 * uz * uz
-        done += 1
-    s[0], s[1], s[2], s[3], s[4], s[5] = x, y, z, roll, pitch, yaw
-    s[6], s[7], s[8], s[9], s[10], s[11] = vx, vy, vz, p, q, r
-    s[12], s[13], s[14], s[15], s[16], s[17] = rx, ry, rz, cx, cy, cz
-    return done, cost
-
-
-@exact_kernel
-def _predict(
-    start: FloatArray, waypoints: FloatArray, n: FloatArray, bounds: IntArray, every: int
-) -> tuple[IntArray, FloatArray, IntArray, FloatArray, FloatArray]:
-    """Fly from `start` to each waypoint (w, 3), noting the pose every `every` steps from the first."""
-    w = waypoints.shape[0]
-    steps = np.zeros(w, dtype=np.int64)
-    costs = np.zeros(w)
-    offsets = np.zeros(w + 1, dtype=np.int64)
-    ends = np.empty((w, start.size))
-    poses = np.empty((64, 4))
-    row = 0
-    for i in range(w):
-        s = start.copy()
-        while steps[i] < bounds[i]:
-            before = s[0], s[1], s[2], s[5]
-            chunk = min(every, bounds[i] - steps[i])
-            done, cost = _fly(s, waypoints[i], n, chunk, True)
-            if done > 0:
-                if row == poses.shape[0]:
-                    poses = grown(poses)
-                poses[row, 0], poses[row, 1], poses[row, 2], poses[row, 3] = before
-                row += 1
-                steps[i] += done
-                costs[i] += cost
-            if done < chunk:
-                break
-        ends[i] = s
-        offsets[i + 1] = row
-    return steps, costs, offsets, poses[:row].copy(), ends
