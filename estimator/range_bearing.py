@@ -225,7 +225,7 @@ class RangeBearing:
         return turned
 
     def _clutter_turn(self, pose: FloatArray) -> float:
-        """What turns the clutter's support: a sector follows yaw also where bearings are in the world frame."""
+        """What turns the clutter's support: a sector follows yaw also where bearings do not."""
         return float(pose[3]) if self.field.shape == "sector" and not self.body_frame else 0.0
 
 

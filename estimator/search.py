@@ -1,0 +1,178 @@
+"""The team's estimate: any filter, plus the targets found so far and the exploration function.
+
+(MA)ASI section 3.3 and Algorithm 1, lines 15-19: Yousuf, Herzal, Lendek, Buşoniu, Control Engineering
+Practice, 2024.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Generic, TypeVar
+
+import numpy as np
+
+from estimator.arrays import BoolArray, FloatArray, IntArray
+from estimator.exploration import Exploration
+from estimator.filter import Area, Clusters, Filter
+from estimator.sensor import SensorModel, checked_poses, validated
+
+State = TypeVar("State")
+
+_SURPRISE = 4.0  # standard deviations beyond which a removed measurement does not refine its found target
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SearchState(Generic[State]):
+    """Everything the team knows after some measurement sets."""
+
+    time: float  # s, team time of the newest set
+    filter_state: State
+    clusters: Clusters  # estimated targets not yet found
+    found: FloatArray  # (d, f) found targets, refined by what is measured of them afterwards
+    found_covariances: FloatArray  # (f, d, d) m^2
+    found_times: FloatArray  # (f,) s, when each was found
+    exploration: Exploration
+    sets: int  # applied so far
+
+
+class Search(Generic[State]):
+    """Applies measurement sets one by one. Holds only what never changes; the estimate is in the state."""
+
+    def __init__(
+        self,
+        filter: Filter[State],
+        area: Area,
+        exploration_points: Sequence[int],
+        *,
+        radius: float,
+        mass: float,
+        gate: float,
+    ) -> None:
+        """`radius` T_r (m), `mass` T_m (targets) and `gate` T_z (m) of section 3.3.
+
+        A cluster of smaller radius and greater mass is a found target.
+        """
+        self.filter = filter
+        self.area = area
+        self.radius = radius
+        self.threshold = mass
+        self.gate = gate
+        self._unexplored = Exploration.unexplored(area, tuple(exploration_points))
+
+    def __repr__(self) -> str:
+        return f"Search({self.filter}, T_r={self.radius:g}, T_m={self.threshold:g}, T_z={self.gate:g})"
+
+    def init(self, rng: np.random.Generator) -> SearchState[State]:
+        """Nothing found, nothing explored, at time 0."""
+        d = self.area.dimension
+        return SearchState(
+            time=0.0,
+            filter_state=self.filter.init(self.area, rng),
+            clusters=Clusters.none(d),
+            found=np.zeros((d, 0)),
+            found_covariances=np.zeros((0, d, d)),
+            found_times=np.zeros(0),
+            exploration=self._unexplored,
+            sets=0,
+        )
+
+    def apply(
+        self,
+        state: SearchState[State],
+        sensor: SensorModel,
+        pose: FloatArray,
+        measurements: FloatArray,
+        capture_time: float,
+        rng: np.random.Generator,
+    ) -> SearchState[State]:
+        """The estimate after one more set (m, s), taken by `sensor` at pose (4,) and time `capture_time`.
+
+        A set older than the newest is applied as if it were taken with it.
+
+        Raises:
+            ValueError: if an argument has a wrong shape or is not finite; names it.
+        """
+        if not np.isfinite(capture_time):
+            raise ValueError(f"capture_time: must be finite, got {capture_time}")
+        pose = checked_poses(pose)[0]
+        measurements = validated(measurements, sensor.measurement_size)
+        state, measurements = self._without_found(state, sensor, pose, measurements)
+        now = max(capture_time, state.time)
+        inner = self.filter.predict(state.filter_state, now - state.time, rng)
+        inner = self.filter.update(inner, sensor, pose, measurements, rng)
+        inner, clusters = self.filter.clusters(inner, rng)
+        state = replace(
+            state,
+            time=now,
+            filter_state=inner,
+            clusters=clusters,
+            exploration=state.exploration.after(sensor, pose),
+            sets=state.sets + 1,
+        )
+        return self._with_new_found(state)
+
+    def expected_cardinality(self, state: SearchState[State]) -> float:
+        """Mass of the intensity plus found targets."""
+        return float(self.filter.mass(state.filter_state) + state.found.shape[1])
+
+    def thinned(self, state: SearchState[State], size: int) -> tuple[FloatArray, FloatArray]:
+        """At most `size` points (d, k) with weights (k,) that stand for the intensity, for people."""
+        return self.filter.thinned(state.filter_state, size)
+
+    def _without_found(
+        self, state: SearchState[State], sensor: SensorModel, pose: FloatArray, measurements: FloatArray
+    ) -> tuple[SearchState[State], FloatArray]:
+        """Take from each found target the closest measurement within T_z, and refine the target with it."""
+        if state.found.shape[1] == 0 or len(measurements) == 0:
+            return state, measurements
+        places = sensor.locate(measurements, pose)
+        targets, taken = _closest(state.found, places, self.gate)
+        if taken.size == 0:
+            return state, measurements
+        spreads = sensor.location_covariance(measurements, pose)
+        found, covariances = state.found.copy(), state.found_covariances.copy()
+        for i, j in zip(targets, taken, strict=True):
+            innovation = places[:, j] - found[:, i]
+            gain = np.linalg.solve(covariances[i] + spreads[j], covariances[i]).T
+            if innovation @ np.linalg.solve(covariances[i] + spreads[j], innovation) < _SURPRISE**2:
+                found[:, i] += gain @ innovation
+                rest = covariances[i] - gain @ covariances[i]
+                covariances[i] = 0.5 * (rest + rest.T)
+        left = np.delete(measurements, taken, axis=0)
+        return replace(state, found=found, found_covariances=covariances), left
+
+    def _with_new_found(self, state: SearchState[State]) -> SearchState[State]:
+        """Mark and remove clusters that are narrow and heavy enough."""
+        clusters = state.clusters
+        new = (clusters.radii < self.radius) & (clusters.masses > self.threshold)
+        if not new.any():
+            return state
+        return replace(
+            state,
+            filter_state=self.filter.remove(state.filter_state, np.flatnonzero(new)),
+            clusters=_chosen(clusters, ~new),
+            found=np.concatenate([state.found, clusters.means[:, new]], axis=1),
+            found_covariances=np.concatenate([state.found_covariances, clusters.covariances[new]]),
+            found_times=np.concatenate([state.found_times, np.full(int(new.sum()), state.time)]),
+        )
+
+
+def _chosen(clusters: Clusters, keep: BoolArray) -> Clusters:
+    return Clusters(
+        np.ascontiguousarray(clusters.means[:, keep]),
+        clusters.covariances[keep],
+        clusters.masses[keep],
+        clusters.radii[keep],
+    )
+
+
+def _closest(found: FloatArray, places: FloatArray, gate: float) -> tuple[IntArray, IntArray]:
+    """Found targets and the measurement each takes: nearest pairs first, each target and measurement once."""
+    distances = np.linalg.norm(found[:, :, None] - places[:, None, :], axis=0)
+    targets, taken = [], []
+    order = np.argsort(distances, axis=None, kind="stable")
+    for flat in order[: np.count_nonzero(distances < gate)]:
+        i, j = divmod(int(flat), distances.shape[1])
+        if i not in targets and j not in taken:
+            targets.append(i)
+            taken.append(j)
+    return np.array(targets, dtype=np.int64), np.array(taken, dtype=np.int64)

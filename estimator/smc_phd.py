@@ -1,0 +1,230 @@
+"""The particle PHD filter for static targets: SMC-PHD, and IC-PHD by calling `update` sensor after sensor.
+
+(MA)ASI (11)-(16): Yousuf, Herzal, Lendek, Buşoniu, Control Engineering Practice, 2024, after Vo, Singh &
+Doucet (2005) and Liu, Ji, Zhang & Liao (2020). The intensity is a sum of two parts. What was never detected
+is smooth and lies on a grid (`estimator.undetected`); what was detected at least once is narrow and lies in
+particles. Only the representation differs from particles everywhere: with 10,000 of those in a 260 m cube the
+next one is 12 m away, further than most measurements reach, and a measurement without a particle near says
+nothing.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Annotated
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from estimator.arrays import Count, FloatArray, Fraction, IntArray, NonNegative, Positive
+from estimator.correction import corrected
+from estimator.filter import Area, Clusters
+from estimator.kmeans import kmeans
+from estimator.resampling import effective_size, gathered, jittered, systematic
+from estimator.sensor import SensorModel, checked_poses, validated
+from estimator.undetected import Explanations, Undetected, detected, explanations
+
+_SHARE = 1e-3  # the undetected part's share in a measurement below which it is left to the particles
+_REACH = 3.0  # standard deviations of a measurement's location that a cluster reaches by default
+
+
+class SmcPhdConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The filter's table in a mission."""
+
+    particles: Annotated[int, Meta(ge=100, le=10_000_000)] = 10_000  # at most
+    expected_targets: NonNegative = 1.0  # mass of the uniform prior intensity
+    birth: NonNegative = 0.0  # expected new targets per second in the whole area
+    survival: Fraction = 1.0  # p_S per second
+    grid_points: list[Count] | None = None  # of the undetected intensity; default 33 x 33 or 17 x 17 x 17
+    jitter: NonNegative = 0.5  # bandwidth of the regularisation, 1 is the normal rule, 0 is none
+    cluster_cutoff_m: Positive | None = None  # default: 3 standard deviations of a measurement's location
+    cluster_least_mass: Positive = 0.1
+    cluster_separation: Positive = 3.0  # standard deviations at which two clusters are two
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SmcPhdState:
+    """The intensity after some time and some measurement sets."""
+
+    positions: FloatArray  # (d, n) of the particles
+    weights: FloatArray  # (n,) expected targets each
+    labels: IntArray  # (n,) cluster of the last `clusters` call, -1 for none
+    undetected: Undetected
+    centres: FloatArray  # (d, c) of the last `clusters` call
+    reach: float  # metres, how far a fresh detection spreads; 0 before the first
+
+
+class SmcPhd:
+    """estimator.filter.Filter with particles. Stateless but for its Config."""
+
+    Config = SmcPhdConfig
+
+    def __init__(self, config: SmcPhdConfig) -> None:
+        self.config = config
+
+    def __repr__(self) -> str:
+        return f"SmcPhd({self.config})"
+
+    def init(self, area: Area, rng: np.random.Generator) -> SmcPhdState:
+        """The uniform prior of `expected_targets`; draws nothing.
+
+        Raises:
+            ValueError: if grid_points does not fit the area.
+        """
+        d = area.dimension
+        points = self.config.grid_points or ([33] * 2 if d == 2 else [17] * 3)
+        if len(points) != d:
+            raise ValueError(f"grid_points: expected {d} numbers, one per axis, got {points}")
+        return SmcPhdState(
+            positions=np.zeros((d, 0)),
+            weights=np.zeros(0),
+            labels=np.zeros(0, np.int64),
+            undetected=Undetected.uniform(area, tuple(points), self.config.expected_targets),
+            centres=np.zeros((d, 0)),
+            reach=0.0,
+        )
+
+    def predict(self, state: SmcPhdState, duration: float, rng: np.random.Generator) -> SmcPhdState:
+        """(12) over `duration` seconds: survival and birth; static targets do not move.
+
+        Raises:
+            ValueError: if duration is negative or not finite.
+        """
+        if not 0.0 <= duration < np.inf:
+            raise ValueError(f"duration: expected a finite number from 0 up, got {duration}")
+        if duration == 0.0 or (self.config.survival == 1.0 and self.config.birth == 0.0):
+            return state
+        survival = self.config.survival**duration
+        return replace(
+            state,
+            weights=state.weights * survival,
+            undetected=state.undetected.later(survival, self.config.birth * duration),
+        )
+
+    def update(
+        self,
+        state: SmcPhdState,
+        sensor: SensorModel,
+        pose: FloatArray,
+        measurements: FloatArray,
+        rng: np.random.Generator,
+    ) -> SmcPhdState:
+        """(13), (16) with the measurement set (m, s), which may be empty, of one sensor at pose (4,).
+
+        Resamples first if that is of use: if the effective number of particles fell below half of them, or
+        there are too many. Clusters so see weights that no resampling has coarsened.
+
+        Raises:
+            ValueError: if an argument has a wrong shape or is not finite; names it.
+        """
+        pose = checked_poses(pose)[0]
+        measurements = validated(measurements, sensor.measurement_size)
+        state = self._resampled_if_due(state, rng)
+        look = sensor.look(state.positions, pose, measurements)
+        prior = state.undetected
+        if len(measurements) == 0:
+            weights, _ = corrected(state.weights, look)
+            return replace(state, weights=weights, undetected=prior.after(sensor, pose))
+        explained = explanations(prior, sensor, pose, measurements)
+        _, alone = corrected(state.weights, look)
+        fresh = np.where(explained.totals > _SHARE * alone, explained.totals, 0.0)
+        weights, denominators = corrected(state.weights, look, fresh)
+        state = replace(state, weights=weights, undetected=prior.after(sensor, pose))
+        if fresh.any():
+            masses = np.divide(fresh, denominators, out=np.zeros_like(fresh), where=fresh > 0.0)
+            state = self._joined(state, prior, sensor, pose, measurements, explained, masses, rng)
+        return state
+
+    def clusters(self, state: SmcPhdState, rng: np.random.Generator) -> tuple[SmcPhdState, Clusters]:
+        """K-means of the particles; the state remembers labels and centres. Draws nothing."""
+        cutoff = self.config.cluster_cutoff_m or state.reach
+        if cutoff <= 0.0:
+            return state, Clusters.none(state.positions.shape[0])
+        found, labels = kmeans(
+            state.positions,
+            state.weights,
+            cutoff,
+            least=self.config.cluster_least_mass,
+            separation=self.config.cluster_separation,
+            start=state.centres,
+        )
+        return replace(state, labels=labels, centres=found.means), found
+
+    def remove(self, state: SmcPhdState, clusters: IntArray) -> SmcPhdState:
+        """Without the particles of the given clusters; the others keep their numbers."""
+        gone = np.isin(state.labels, clusters) & (state.labels >= 0)
+        kept = ~gone
+        return replace(
+            state,
+            positions=np.ascontiguousarray(state.positions[:, kept]),
+            weights=state.weights[kept],
+            labels=state.labels[kept],
+        )
+
+    def mass(self, state: SmcPhdState) -> float:
+        """The expected number of targets in the intensity, undetected ones among them."""
+        return float(state.weights.sum()) + state.undetected.mass()
+
+    def points(self, state: SmcPhdState) -> tuple[FloatArray, FloatArray]:
+        """The whole intensity as points (d, n) with weights (n,): particles, then the grid's nodes."""
+        points = np.concatenate([state.positions, state.undetected.nodes()], axis=1)
+        masses: FloatArray = np.concatenate([state.weights, state.undetected.node_masses()])
+        return points, masses
+
+    def thinned(self, state: SmcPhdState, size: int) -> tuple[FloatArray, FloatArray]:
+        """At most `size` points (d, k) with weights (k,) that stand for the intensity, mass kept."""
+        points, weights = self.points(state)
+        total = float(weights.sum())
+        if total <= 0.0 or size < 1:
+            return np.zeros((points.shape[0], 0)), np.zeros(0)
+        chosen, counts = np.unique(systematic(weights, size, 0.5), return_counts=True)
+        return np.ascontiguousarray(points[:, chosen]), np.asarray(counts * (total / size), dtype=np.float64)
+
+    def _resampled_if_due(self, state: SmcPhdState, rng: np.random.Generator) -> SmcPhdState:
+        n = state.weights.size
+        if n <= self.config.particles and effective_size(state.weights) >= 0.5 * n:
+            return state
+        return self.resampled(state, rng)
+
+    def resampled(self, state: SmcPhdState, rng: np.random.Generator) -> SmcPhdState:
+        """The same intensity in equal weights and other places: systematic, then jitter within clusters.
+
+        A quarter of `particles` per expected target, at most `particles`.
+        """
+        mass = float(state.weights.sum())
+        if mass <= 0.0:
+            none = np.zeros(0, dtype=np.int64)
+            return replace(state, positions=state.positions[:, :0].copy(), weights=np.zeros(0), labels=none)
+        count = int(np.clip(np.ceil(0.25 * self.config.particles * mass), 100, self.config.particles))
+        chosen = systematic(state.weights, count, rng.random())
+        positions, labels = gathered(state.positions, chosen), state.labels[chosen]
+        if self.config.jitter > 0.0 and state.centres.shape[1]:
+            clusters = int(state.labels.max(initial=-1)) + 1
+            effective = np.array([effective_size(state.weights[state.labels == c]) for c in range(clusters)])
+            noise = rng.standard_normal(positions.shape)
+            area = state.undetected.area
+            jittered(positions, labels, effective, self.config.jitter, noise, area.low, area.high)
+        return replace(state, positions=positions, weights=np.full(count, mass / count), labels=labels)
+
+    def _joined(
+        self,
+        state: SmcPhdState,
+        prior: Undetected,
+        sensor: SensorModel,
+        pose: FloatArray,
+        measurements: FloatArray,
+        explained: Explanations,
+        masses: FloatArray,
+        rng: np.random.Generator,
+    ) -> SmcPhdState:
+        """The state with what the measurements show of the undetected intensity."""
+        counts = np.ceil(masses * max(50, self.config.particles // 20)).astype(np.int64)
+        points, weights = detected(prior, sensor, pose, measurements, explained, masses, counts, rng)
+        spread = np.linalg.eigvalsh(sensor.location_covariance(measurements, pose))[:, -1]
+        reach = _REACH * float(np.sqrt(spread @ masses / masses.sum()))
+        return replace(
+            state,
+            positions=np.concatenate([state.positions, points], axis=1),
+            weights=np.concatenate([state.weights, weights]),
+            labels=np.concatenate([state.labels, np.full(weights.size, -1)]),
+            reach=reach if state.reach == 0.0 else 0.9 * state.reach + 0.1 * reach,
+        )

@@ -1,0 +1,204 @@
+"""The intensity of targets that were never detected: smooth, so it is kept on a grid and not in particles.
+
+It starts uniform, grows by births, and falls by 1 - p_D where a sensor looked: exactly what (MA)ASI (12)-(13)
+do to it, without Monte Carlo noise. What a measurement makes of it is narrow and becomes particles, drawn
+where the measurement says the target is. Compare the undetected-target intensity of Olofsson et al., and the
+measurement-driven birth of Ristic, Clark, Vo & Vo (2012); here the prior of the new particles is the uniform
+intensity that the paper has, nothing is added to it.
+"""
+
+from dataclasses import dataclass
+from math import pi
+
+import numpy as np
+
+from estimator.arrays import FloatArray, IntArray
+from estimator.exploration import undetected
+from estimator.filter import Area
+from estimator.grid import interpolate, node_volumes, nodes
+from estimator.kernels import kernel
+from estimator.sensor import Look, SensorModel
+
+_SPREAD = (
+    1.25  # proposals are this much wider than the measurement's own covariance, so that no tail is missed
+)
+_PROBES = 16
+
+
+def _probes(dimension: int) -> FloatArray:
+    """A fixed symmetric set (d, 2 * _PROBES) of standard normal points with covariance exactly 1."""
+    half = np.random.default_rng(dimension).standard_normal((dimension, _PROBES))
+    points = np.concatenate([half, -half], axis=1)
+    factor = np.linalg.cholesky(points @ points.T / points.shape[1])
+    return np.ascontiguousarray(np.linalg.solve(factor, points))
+
+
+_PROBE_SETS = {2: _probes(2), 3: _probes(3)}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Undetected:
+    """Intensity values on a grid over the area, multilinear in between, 0 outside."""
+
+    values: FloatArray  # (g1, ..., gd) targets per m^d
+    area: Area
+
+    @staticmethod
+    def uniform(area: Area, points: tuple[int, ...], mass: float) -> "Undetected":
+        """`mass` targets spread evenly."""
+        return Undetected(np.full(points, mass / area.volume), area)
+
+    def nodes(self) -> FloatArray:
+        """Grid nodes (d, g)."""
+        return nodes(self.values.shape, self.area.low, self.area.high)
+
+    def node_masses(self) -> FloatArray:
+        """The expected number of targets that each node stands for, (g,)."""
+        volumes = node_volumes(self.values.shape, self.area.low, self.area.high)
+        return np.asarray((self.values * volumes).ravel())
+
+    def mass(self) -> float:
+        """The expected number of targets never detected."""
+        return float(self.node_masses().sum())
+
+    def at(self, points: FloatArray) -> FloatArray:
+        """The intensity at points (d, n), 0 outside the area."""
+        low, high = self.area.low[:, None], self.area.high[:, None]
+        inside = ((points >= low) & (points <= high)).all(axis=0)
+        return np.where(inside, interpolate(self.values, self.area.low, self.area.high, points), 0.0)
+
+    def later(self, survival: float, births: float) -> "Undetected":
+        """After survival with a probability and `births` expected new targets, (MA)ASI (12)."""
+        return Undetected(self.values * survival + births / self.area.volume, self.area)
+
+    def after(self, sensor: SensorModel, pose: FloatArray) -> "Undetected":
+        """What stays undetected after a look, the first term of (13)."""
+        values = self.values.copy()
+        undetected(values.reshape(-1), sensor.detection(self.nodes(), pose[None, :]))
+        return Undetected(values, self.area)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Explanations:
+    """How the undetected intensity v explains measurements: e_j = integral of p_D g(z_j | x) v(x)."""
+
+    totals: FloatArray  # (m,) e_j
+    centres: FloatArray  # (d, m) where each measurement says its target is
+    factors: FloatArray  # (m, d, d) Cholesky factors of the proposals' covariances
+    probes: FloatArray  # (d, m * k) proposals already evaluated, k of each measurement in turn
+    shares: FloatArray  # (m * k,) what each contributes to its e_j
+
+
+def explanations(
+    prior: Undetected, sensor: SensorModel, pose: FloatArray, measurements: FloatArray
+) -> Explanations:
+    """Importance sampling of e_j around where each measurement (m, s) points, with fixed points."""
+    d, m = sensor.dimension, len(measurements)
+    centres = sensor.locate(measurements, pose)
+    factors = np.asarray(
+        _SPREAD * np.linalg.cholesky(sensor.location_covariance(measurements, pose)), dtype=np.float64
+    )
+    unit = _PROBE_SETS[d]
+    k = unit.shape[1]
+    owners = np.repeat(np.arange(m), k)
+    units = np.tile(unit, m)
+    probes, shares = _evaluated(prior, sensor, pose, measurements, centres, factors, owners, units)
+    shares /= k
+    return Explanations(shares.reshape(m, k).sum(axis=1), centres, factors, probes, shares)
+
+
+def detected(
+    prior: Undetected,
+    sensor: SensorModel,
+    pose: FloatArray,
+    measurements: FloatArray,
+    explained: Explanations,
+    masses: FloatArray,
+    counts: IntArray,
+    rng: np.random.Generator,
+) -> tuple[FloatArray, FloatArray]:
+    """Particles (d, b), weights (b,) of the part of v that measurements now show, p_D g(z_j | x) v(x) / D_j.
+
+    masses (m,) is that part's mass for each measurement, counts (m,) how many particles to draw; those of a
+    measurement weigh its mass together.
+    """
+    owners = np.repeat(np.arange(len(measurements)), counts)
+    units = rng.standard_normal((sensor.dimension, owners.size))
+    points, shares = _evaluated(
+        prior, sensor, pose, measurements, explained.centres, explained.factors, owners, units
+    )
+    totals = np.bincount(owners, shares, minlength=counts.size)
+    lost = np.flatnonzero((counts > 0) & (totals <= 0.0))
+    if lost.size:  # all draws fell where nothing can be: take the probes, of which some did not
+        k = explained.shares.size // counts.size
+        again = (lost[:, None] * k + np.arange(k)).ravel()
+        owners = np.concatenate([owners, np.repeat(lost, k)])
+        points = np.concatenate([points, explained.probes[:, again]], axis=1)
+        shares = np.concatenate([shares, explained.shares[again]])
+        totals = np.bincount(owners, shares, minlength=counts.size)
+    keep = shares > 0.0
+    owners, points, shares = owners[keep], np.ascontiguousarray(points[:, keep]), shares[keep]
+    return points, shares * (masses / np.where(totals > 0.0, totals, 1.0))[owners]
+
+
+def _evaluated(
+    prior: Undetected,
+    sensor: SensorModel,
+    pose: FloatArray,
+    measurements: FloatArray,
+    centres: FloatArray,
+    factors: FloatArray,
+    owners: IntArray,
+    units: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Proposals (d, b) centre + factor unit, and p_D g v / q there, each for its own measurement (b,)."""
+    points = np.empty_like(units)
+    inverse_densities = np.empty(owners.size)
+    _propose(centres, factors, owners, units, points, inverse_densities)
+    look = sensor.look(points, pose, measurements)
+    own = _own_likelihood(look, owners)
+    return points, look.detection * own * prior.at(points) * inverse_densities
+
+
+@kernel
+def _propose(
+    centres: FloatArray,
+    factors: FloatArray,
+    owners: IntArray,
+    units: FloatArray,
+    points: FloatArray,
+    inverse_densities: FloatArray,
+) -> None:
+    d = centres.shape[0]
+    volume = np.empty(factors.shape[0])
+    for j in range(factors.shape[0]):
+        volume[j] = (2.0 * pi) ** (0.5 * d)
+        for a in range(d):
+            volume[j] *= factors[j, a, a]
+    for k in range(owners.size):
+        j = owners[k]
+        square = 0.0
+        for a in range(d):
+            x = centres[a, j]
+            for b in range(a + 1):
+                x += factors[j, a, b] * units[b, k]
+            points[a, k] = x
+            square += units[a, k] * units[a, k]
+        inverse_densities[k] = volume[j] * np.exp(0.5 * square)
+
+
+def _own_likelihood(look: Look, owners: IntArray) -> FloatArray:
+    """g of each point (b,) for the measurement that proposed it."""
+    own = np.zeros(owners.size)
+    _pick(look.offsets, look.indices, look.likelihood, owners, own)
+    return own
+
+
+@kernel
+def _pick(
+    offsets: IntArray, indices: IntArray, likelihood: FloatArray, owners: IntArray, own: FloatArray
+) -> None:
+    for j in range(offsets.size - 1):
+        for k in range(offsets[j], offsets[j + 1]):
+            if owners[indices[k]] == j:
+                own[indices[k]] = likelihood[k]
