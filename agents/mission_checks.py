@@ -95,32 +95,17 @@ def _exploration(mission: Mission) -> list[Problem]:
 
 
 def _candidates(mission: Mission) -> list[Problem]:
-    """Planners that choose from a grid name its corners in a table `candidates`."""
+    """Planners that choose from a grid name its corners in a table `candidates`, in two axes or three."""
     table = mission.planner.get("candidates")
     if not isinstance(table, dict):
         return []
     area, problems = mission.area, []
-    for key in ("low", "high", "points"):
-        value = table.get(key)
-        if not isinstance(value, list):
-            continue
-        where = f"planner.candidates.{key}"
-        if len(value) != len(area.min):
-            allowed = f"{len(area.min)} values, one for each dimension of the area"
-            problems.append(Problem(where, show(value), allowed))
-        elif key != "points":
-            problems += [
-                Problem(f"{where}[{i}]", show(x), f"a number from {a:g} to {b:g}, inside the area")
-                for i, (x, a, b) in enumerate(zip(value, area.min, area.max, strict=False))
-                if a < b and not a <= x <= b
-            ]
-    low, high = table.get("low"), table.get("high")
-    if not problems and isinstance(low, list) and isinstance(high, list):
-        problems += [
-            Problem(f"planner.candidates.high[{i}]", show(b), f"a number >= {a:g}, which is the low corner's")
-            for i, (a, b) in enumerate(zip(low, high, strict=True))
-            if b < a
-        ]
+    for key in ("low", "high"):
+        corner = table.get(key)
+        for i, (x, a, b) in enumerate(zip(corner or [], area.min, area.max, strict=False)):
+            if a < b and not a <= x <= b:
+                allowed = f"a number from {a:g} to {b:g}, inside the area"
+                problems.append(Problem(f"planner.candidates.{key}[{i}]", show(x), allowed))
     return problems
 
 

@@ -132,7 +132,7 @@ def _words(info: shape.Type) -> str:
         case shape.EnumType(cls=cls):
             return "one of " + ", ".join(show(member.value) for member in cls)
         case shape.ListType() | shape.VarTupleType():
-            return f"a list of {_length(info.min_length, info.max_length)}{_words(info.item_type)} each"
+            return f"a list{_length(info.min_length, info.max_length)}, each {_words(info.item_type)}"
         case shape.TupleType(item_types=items):
             return f"a list of {len(items)} values: " + ", ".join(_words(item) for item in items)
         case shape.UnionType(types=types):
@@ -147,14 +147,14 @@ def _range(info: shape.IntType | shape.FloatType) -> str:
     words = []
     for bound, sign in ((info.gt, ">"), (info.ge, ">="), (info.lt, "<"), (info.le, "<=")):
         if bound is not None:
-            words.append(f"{sign} {bound:g}")
+            words.append(f"{sign} {bound:g}" if abs(bound) < 1e6 else f"{sign} {bound}")
     return " " + " and ".join(words) if words else ""
 
 
 def _length(low: int | None, high: int | None) -> str:
     if low is not None and high is not None:
-        return f"{low} values, " if low == high else f"{low} to {high} values, "
-    return f"at least {low} values, " if low else ""
+        return f" of {low} values" if low == high else f" of {low} to {high} values"
+    return f" of at least {low} values" if low else ""
 
 
 def _check_value(value: Any, kind: Any, where: str) -> list[Problem]:

@@ -43,6 +43,10 @@ class Candidates(Strict, frozen=True, kw_only=True):
     high: list[float]
     points: list[Count]
 
+    def __post_init__(self) -> None:
+        if not len(self.low) == len(self.high) == len(self.points):
+            raise ValueError("low, high and points: expected one number per axis each")
+
 
 class Planner:
     class Config(Strict, frozen=True, kw_only=True):

@@ -126,9 +126,8 @@ def test_an_unknown_key_is_named_with_the_nearest_known_one(tmp_path: Path) -> N
         ("max = [200, 100]", "max = [200, 100, 50]", "area.max", "[200", "2 values"),
         ("[filter]", "[exploration]\npoints = [3, 3, 3]\n[filter]", "exploration.points", "[3", "2 values"),
         ("[filter]", "[exploration]\npoints = [3, 1]\n[filter]", "exploration.points[1]", "1", ">= 2"),
-        ("low = [20, 20]", "low = [20]", "planner.candidates.low", "[20", "2 values"),
+        ("low = [20, 20]", "low = [20]", "planner.candidates", "a table", "one number per axis"),
         ("low = [20, 20]", "low = [20, -1]", "planner.candidates.low[1]", "-1", "from 0 to 100"),
-        ("low = [20, 20]", "low = [20, 90]", "planner.candidates.high[1]", "80", ">= 90"),
         ("start = [5, 5]", "start = [5, 101]", "robots[0].start[1]", "101", "from 0 to 100"),
         ('id = "r2"', 'id = "r1"', "robots[1].id", '"r1"', "robots[0]"),
         ('id = "r2"', 'id = "fusion"', "robots[1].id", '"fusion"', "not fusion"),
@@ -166,13 +165,16 @@ def test_mistakes_of_all_tables_are_reported_together(tmp_path: Path) -> None:
 
 def test_contradictions_are_reported_together(tmp_path: Path) -> None:
     found = problems(
-        tmp_path, ("start = [5, 5]", "start = [-5, 500]"), ('id = "r2"', 'id = "r1"'), ("[20, 20]", "[20]")
+        tmp_path,
+        ("start = [5, 5]", "start = [-5, 500]"),
+        ('id = "r2"', 'id = "r1"'),
+        ("[20, 20]", "[-1, 20]"),
     )
     assert set(found) == {
         "robots[0].start[0]",
         "robots[0].start[1]",
         "robots[1].id",
-        "planner.candidates.low",
+        "planner.candidates.low[0]",
     }
 
 
