@@ -6,6 +6,7 @@ written in, which is no part of what the mission is.
 """
 
 import hashlib
+import re
 import tomllib
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,6 +20,9 @@ from agents.errors import MissionError
 from agents.mission import ExplorationTable, Mission
 from agents.mission_checks import GROUPS, ROBOT_GROUPS, check_kind_table, check_mission, kind_tables
 from agents.tables import Problem, check, convert, nearest, not_finite
+
+# A list of numbers as tomli_w writes it, one a line.
+_NUMBERS = re.compile(r"= \[\n((?: +[-+0-9.e]+,\n)+)\]")
 
 
 class WrongMissionError(MissionError):
@@ -70,7 +74,8 @@ def dumps(mission: Mission) -> str:
 
     The directory is written only where a relative path depends on it.
     """
-    return tomli_w.dumps(_plain(mission, keep_directory=_has_relative_path(mission)))
+    text = tomli_w.dumps(_plain(mission, keep_directory=_has_relative_path(mission)))
+    return _NUMBERS.sub(lambda found: f"= [{', '.join(found[1].replace(',', '').split())}]", text)
 
 
 def mission_hash(mission: Mission) -> str:

@@ -58,6 +58,7 @@ def test_dumps_reads_back_as_the_same_mission(tmp_path: Path) -> None:
     again = write(tmp_path, text=dumps(mission))
     assert load(again) == mission
     assert "directory" not in dumps(mission)
+    assert "max = [200.0, 100.0]" in dumps(mission).splitlines()
 
 
 def test_seed_and_duration_can_be_given_on_top(tmp_path: Path) -> None:
