@@ -60,7 +60,7 @@ def _check_kind(where: str, group: str, kind: Any) -> Problem | None:
 
 
 def check_mission(mission: Mission) -> list[Problem]:
-    """All contradictions within a mission whose keys are right one by one."""
+    """All contradictions within a mission whose keys are right one by one, those of plugins perhaps not."""
     return [
         *_area(mission),
         *_exploration(mission),
@@ -102,8 +102,10 @@ def _candidates(mission: Mission) -> list[Problem]:
     area, problems = mission.area, []
     for key in ("low", "high"):
         corner = table.get(key)
-        for i, (x, a, b) in enumerate(zip(corner or [], area.min, area.max, strict=False)):
-            if a < b and not a <= x <= b:
+        if not isinstance(corner, list):  # which the planner's own check reports
+            continue
+        for i, (x, a, b) in enumerate(zip(corner, area.min, area.max, strict=False)):
+            if isinstance(x, int | float) and a < b and not a <= x <= b:
                 allowed = f"a number from {a:g} to {b:g}, inside the area"
                 problems.append(Problem(f"planner.candidates.{key}[{i}]", show(x), allowed))
     return problems

@@ -54,15 +54,15 @@ def load(path_or_name: str | Path, *, seed: int | None = None, duration: float |
         raw["duration_s"] = duration
     _fit_exploration(raw)
     problems = not_finite(raw)
-    seen = {problem.key for problem in problems}
     found = check(raw, Mission)
+    right_so_far = not problems and not found
     for where, group, table in kind_tables(raw):
         found += check_kind_table(where, group, table)
+    if right_so_far:
+        mission = convert(raw, Mission)
+        found += check_mission(mission)
+    seen = {problem.key for problem in problems}
     problems += [problem for problem in found if problem.key not in seen]
-    if problems:
-        raise WrongMissionError(str(path), problems)
-    mission = convert(raw, Mission)
-    problems = check_mission(mission)
     if problems:
         raise WrongMissionError(str(path), problems)
     directory = path.resolve().parent / Path(mission.directory).expanduser()

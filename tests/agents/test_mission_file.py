@@ -164,6 +164,16 @@ def test_mistakes_of_all_tables_are_reported_together(tmp_path: Path) -> None:
     assert set(found) == {"seed", "world.targets", "robots[1].sensor.gain"}
 
 
+def test_contradictions_are_reported_beside_the_mistakes_of_plugins_tables(tmp_path: Path) -> None:
+    found = problems(
+        tmp_path,
+        ("start = [5, 5]", "start = [-5, 5]"),
+        ("low = [20, 20]", 'low = "here"'),
+        ("gain = 0.9", "gain = 7"),
+    )
+    assert set(found) == {"robots[0].start[0]", "planner.candidates.low", "robots[1].sensor.gain"}
+
+
 def test_contradictions_are_reported_together(tmp_path: Path) -> None:
     found = problems(
         tmp_path,
