@@ -4,43 +4,41 @@
 states, equal to its last; a robot that stands there goes on measuring.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from estimator.arrays import FloatArray
 from planner.plan import Commitment
 
 SAME_INSTANT = 1e-6  # s: instants computed along different ways differ by rounding
-MOST_LOOKS = 10_000  # of one robot within a horizon; more would be a wrong period, and no plan is that long
 
 
-def looks(commitment: Commitment, start: float, end: float) -> tuple[FloatArray, FloatArray]:
-    """When and from where another robot will measure between `start` and `end` (team time).
+@dataclass(frozen=True, slots=True)
+class Looks:
+    """When and from where one robot will measure: on its way, then standing, for as long as anybody asks."""
 
-    Returns:
-        Times (k,) in growing order and poses (k, 4). On arrival it measures, as at every waypoint, and then
-        once per period.
+    times: FloatArray  # (k,) team time, in growing order
+    poses: FloatArray  # (k, 4)
+    stand_time: float  # of the first measurement standing; infinite if there is none
+    stand_pose: FloatArray  # (4,)
+    period: float  # between measurements standing
+
+
+def looks(commitment: Commitment, start: float) -> Looks:
+    """Another robot's measurements from `start` on (team time): the tail of its plan, then standing.
+
+    On arrival it measures, as at every waypoint, and from then on once per period.
     """
-    times, poses = commitment.measure_times, commitment.measure_poses
-    order = np.argsort(times, kind="stable")
-    times, poses = times[order], poses[order]
-    keep = (times >= start - SAME_INSTANT) & (times <= end + SAME_INSTANT)
-    if commitment.times.size == 0:
-        return times[keep], poses[keep]
-    still = standing_looks(float(commitment.times[-1]), commitment.measure_period, start, end)
-    if times.size:
-        still = still[still > times[-1] + SAME_INSTANT]
-    pose = commitment.poses[-1]
-    return np.concatenate([times[keep], still]), np.vstack([poses[keep], np.tile(pose, (still.size, 1))])
-
-
-def standing_looks(arrival: float, period: float, start: float, end: float) -> FloatArray:
-    """Instants arrival + j period, j = 0, 1, ..., that lie between `start` and `end`."""
-    if not (period > 0 and np.isfinite([arrival, start, end]).all()):
-        return np.zeros(0)
-    first = max(0, int(np.ceil((start - SAME_INSTANT - arrival) / period)))
-    last = int(np.floor((end + SAME_INSTANT - arrival) / period))
-    count = np.arange(first, min(last + 1, first + MOST_LOOKS), dtype=np.float64)
-    return arrival + period * count
+    order = np.argsort(commitment.measure_times, kind="stable")
+    times, poses = commitment.measure_times[order], commitment.measure_poses[order]
+    keep = times >= start - SAME_INSTANT
+    if commitment.times.size == 0 or not 0 < commitment.measure_period < np.inf:
+        return Looks(times[keep], poses[keep], np.inf, np.zeros(4), 1.0)
+    arrival, period = float(commitment.times[-1]), commitment.measure_period
+    since = max(start - SAME_INSTANT, float(times[-1]) + SAME_INSTANT if times.size else -np.inf)
+    first = arrival + period * max(0.0, np.ceil((since - arrival) / period))
+    return Looks(times[keep], poses[keep], first, commitment.poses[-1], period)
 
 
 def position_at(commitment: Commitment, time: float) -> FloatArray:

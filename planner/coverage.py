@@ -6,7 +6,7 @@ from estimator.arrays import FloatArray, IntArray
 from estimator.exploration import Exploration
 from estimator.kernels import kernel
 from estimator.sensor import SensorModel
-from planner.commitments import SAME_INSTANT
+from planner.commitments import SAME_INSTANT, Looks
 
 BATCH = 1_000_000  # detection probabilities held at once: 8 MB
 CALL = 30_000  # detection probabilities worth a call of their own; fewer measurements a call touch less
@@ -64,32 +64,31 @@ def _cell_corners(
 
 
 def explore(
-    sensor: SensorModel,
-    look_times: FloatArray,
-    look_poses: FloatArray,
-    times: FloatArray,
-    corners: FloatArray,
-    shares: FloatArray,
+    sensor: SensorModel, looks: Looks, times: FloatArray, corners: FloatArray, shares: FloatArray
 ) -> None:
-    """Take from the shares what measurements explore, in place, (32).
+    """Take from the shares what one robot's measurements explore, in place, (32).
 
     Args:
         sensor: of the robot that measures.
-        look_times: (k,) in growing order; a measurement counts at corners of the same time or later.
-        look_poses: (k, 4).
+        looks: its measurements; each counts at corners of the same time or later.
         times: (n,) when each corner is looked at, in growing order.
         corners: (d, n).
         shares: (n,).
     """
     together = min(max(CALL // max(shares.size, 1), 8), 64)
     wide = BATCH // together
-    for first in range(0, look_times.size, together):
+    for first in range(0, looks.times.size, together):
         some = slice(first, first + together)
-        begin = int(np.searchsorted(times, look_times[first] - SAME_INSTANT))
+        begin = int(np.searchsorted(times, looks.times[first] - SAME_INSTANT))
         for left in range(begin, shares.size, wide):
             part = slice(left, min(left + wide, shares.size))
-            detection = sensor.detection(np.ascontiguousarray(corners[:, part]), look_poses[some])
-            _undetected(shares[part], detection, look_times[some], times[part])
+            detection = sensor.detection(np.ascontiguousarray(corners[:, part]), looks.poses[some])
+            _undetected(shares[part], detection, looks.times[some], times[part])
+    begin = int(np.searchsorted(times, looks.stand_time - SAME_INSTANT))
+    for left in range(begin, shares.size, BATCH):
+        part = slice(left, min(left + BATCH, shares.size))
+        detection = sensor.detection(np.ascontiguousarray(corners[:, part]), looks.stand_pose[None])
+        _undetected_standing(shares[part], detection[0], looks.stand_time, looks.period, times[part])
 
 
 @kernel
@@ -99,3 +98,13 @@ def _undetected(shares: FloatArray, detection: FloatArray, look_times: FloatArra
         for i in range(shares.size):
             if look_times[k] <= times[i] + SAME_INSTANT:
                 shares[i] *= 1.0 - detection[k, i]
+
+
+@kernel
+def _undetected_standing(
+    shares: FloatArray, detection: FloatArray, first: float, period: float, times: FloatArray
+) -> None:
+    """shares (n,) times (1 - detection (n,)) for each of the instants first + j period up to its time."""
+    for i in range(shares.size):
+        count = int((times[i] + SAME_INSTANT - first) / period) + 1
+        shares[i] *= (1.0 - detection[i]) ** count

@@ -56,8 +56,7 @@ class Maasi:
         if not possible.any():
             return Plan(None, "holds: it is at its only candidate waypoint already")
         if not (possible & view.clear).any():
-            best_m = float(view.clearance[possible].max())
-            return Plan(None, crowded(problem.separation, best_m))
+            return Plan(None, crowded(problem.separation))
         best = int(np.argmax(np.where(possible & view.clear, objective, -np.inf)))
         return chosen(problem, self.setup, view, best, view.exploration[best], float(objective[best]))
 
@@ -80,9 +79,9 @@ def unplannable(problem: PlanProblem, setup: PlannerSetup) -> str:
     return ""
 
 
-def crowded(separation: float, best: float) -> str:
-    """The reason to hold when no way keeps the separation; `best` is the most metres that any keeps."""
-    return f"holds: every way comes nearer than {separation:g} m to another robot, {best:.1f} m at best"
+def crowded(separation: float) -> str:
+    """The reason to hold when no way keeps the separation."""
+    return f"holds: every way comes nearer than {separation:g} m to another robot"
 
 
 def chosen(

@@ -11,7 +11,7 @@ import numpy as np
 
 from estimator.arrays import BoolArray, FloatArray, IntArray
 from estimator.sensor import SensorModel
-from planner.commitments import looks, position_at, usable
+from planner.commitments import Looks, looks, position_at, usable
 from planner.coverage import BATCH, cell_corners, explore
 from planner.plan import Commitment, PlannerSetup, PlanProblem, Predictions, VehicleModel
 from planner.prediction import measure_steps
@@ -112,6 +112,13 @@ def outlook(
     )
 
 
+def candidate_looks(predictions: Predictions, start_time: float, candidate: int) -> Looks:
+    """The measurements on the way to one candidate, without those after it."""
+    rows = slice(predictions.offsets[candidate], predictions.offsets[candidate + 1])
+    times, poses = start_time + predictions.measure_times[rows], predictions.measure_poses[rows]
+    return Looks(times, poses, np.inf, np.zeros(4), 1.0)
+
+
 def _own_looks(
     sensor: SensorModel,
     start_time: float,
@@ -121,12 +128,11 @@ def _own_looks(
     shares: FloatArray,
 ) -> None:
     """Each candidate's measurements explore what they look at and what its later ones look at, (21)."""
-    offsets, poses = predictions.offsets, predictions.measure_poses
-    look_times = start_time + predictions.measure_times
+    offsets = predictions.offsets << corners.shape[0]
     for i in range(offsets.size - 1):
-        rows = slice(offsets[i], offsets[i + 1])
-        columns = slice(offsets[i] << corners.shape[0], offsets[i + 1] << corners.shape[0])
-        explore(sensor, look_times[rows], poses[rows], times[columns], corners[:, columns], shares[columns])
+        columns = slice(offsets[i], offsets[i + 1])
+        way = candidate_looks(predictions, start_time, i)
+        explore(sensor, way, times[columns], corners[:, columns], shares[columns])
 
 
 def _others_looks(
@@ -144,8 +150,7 @@ def _others_looks(
     order = np.argsort(times, kind="stable")
     ordered, points, left = times[order], corners[:, order], shares[order]
     for other in known:
-        when, where = looks(other, problem.start_time, float(ordered[-1]))
-        explore(setup.sensors[other.robot], when, where, ordered, points, left)
+        explore(setup.sensors[other.robot], looks(other, problem.start_time), ordered, points, left)
     shares[order] = left
 
 

@@ -7,7 +7,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from estimator.arrays import FloatArray, IntArray
-from estimator.exploration import Exploration as Exploration
+from estimator.exploration import Exploration
 from estimator.filter import Area
 from estimator.sensor import SensorModel
 
