@@ -13,7 +13,6 @@ fork while it is open.
 """
 
 import logging
-import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -26,6 +25,7 @@ from agents.mission import LinkTable
 from agents.topics import PICTURE, POSE, TRUTH, Topic, key
 from agents.transport import Inbox, Peer, PeerChange, Received, Transport
 from bridges.zenoh_config import NO_ROUTER, configuration, free_port_endpoint
+from bridges.zenoh_roll import Roll
 
 _log = logging.getLogger(__name__)
 
@@ -69,53 +69,6 @@ class _Subscription:
         self.missed += miss.nb
 
 
-class _Roll:
-    """Who is alive. A token comes by the listing at the start, by the subscription, or by both."""
-
-    def __init__(self, me: Peer, wake: Callable[[], None]) -> None:
-        self.closed = False
-        self._me = me
-        self._wake = wake
-        self._lock = threading.Lock()
-        self._alive: set[Peer] = set()
-        self._gone: set[Peer] = set()  # of which the listing may still tell
-        self._changes: list[PeerChange] = []
-
-    def __repr__(self) -> str:
-        return f"_Roll(alive={sorted(peer.id for peer in self._alive)})"
-
-    def token(self, sample: zenoh.Sample) -> None:
-        """A token came or went."""
-        if self.closed:
-            return
-        peer, alive = _peer(sample), sample.kind == zenoh.SampleKind.PUT
-        with self._lock:
-            if peer == self._me or alive == (peer in self._alive):
-                return
-            (self._alive.add if alive else self._alive.remove)(peer)
-            (self._gone.discard if alive else self._gone.add)(peer)
-            self._changes.append(PeerChange(peer, alive))
-        self._wake()
-
-    def listed(self, sample: zenoh.Sample) -> None:
-        """The listing of `open` says that a token stands; old news if it has gone since."""
-        peer = _peer(sample)
-        with self._lock:
-            if peer != self._me and peer not in self._alive and peer not in self._gone:
-                self._alive.add(peer)
-                self._changes.append(PeerChange(peer, True))
-
-    def drain(self) -> list[PeerChange]:
-        with self._lock:
-            changes, self._changes = self._changes, []
-        return changes
-
-
-def _peer(sample: zenoh.Sample) -> Peer:
-    role, peer_id, boot = str(sample.key_expr).split("/")[-3:]
-    return Peer(role, peer_id, boot)
-
-
 class ZenohTransport(Transport):
     """One process's Zenoh session. `endpoints` replace those of the link table; `team` is the key prefix.
 
@@ -132,7 +85,7 @@ class ZenohTransport(Transport):
         self._wake: Callable[[], None] = lambda: None
         self._publishers: dict[str, _Publisher] = {}
         self._subscriptions: dict[str, _Subscription] = {}
-        self._roll: _Roll | None = None
+        self._roll: Roll | None = None
         self._kept: list[object] = []  # Zenoh undeclares what nobody refers to
         self._published = 0
         self._unsent = 0
@@ -148,13 +101,13 @@ class ZenohTransport(Transport):
         self._session = session = self._connect()
         self._me, self._wake = me, wake
         try:
-            self._roll = roll = _Roll(me, wake)
+            self._roll = roll = Roll(me, wake)
             everyone = key(self._team, "alive", "*/*/*")
             liveliness = session.liveliness()
-            self._kept.append(liveliness.declare_subscriber(everyone, roll.token, history=True))
             for reply in liveliness.get(everyone, timeout=1.0):
                 if reply.ok is not None:
                     roll.listed(reply.ok)
+            self._kept.append(liveliness.declare_subscriber(everyone, roll.followed, history=True))
             own = key(self._team, "alive", f"{me.role}/{me.id}/{me.boot}")
             self._kept.append(liveliness.declare_token(own))
         except BaseException:

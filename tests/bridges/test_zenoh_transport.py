@@ -15,6 +15,7 @@ from agents.errors import LinkError
 from agents.mission import LinkTable
 from agents.topics import EVENT, PICTURE, PLAN, POSE, SET, Topic, key
 from agents.transport import Peer, PeerChange, Received
+from bridges import zenoh_roll
 from bridges.zenoh_router import Router
 from bridges.zenoh_transport import ZenohTransport
 from tests.bridges.zenoh_child import TEAM
@@ -133,6 +134,7 @@ def test_late_joiner_gets_the_history_of_reliable_topics_once_and_in_order(route
             for topic in (SET, PLAN, POSE):
                 late.subscribe(topic)
             seen, plans = Collector(late), Collector(late, PLAN)
+            eventually(seen, lambda s: len(s) == SET.history)
             a.publish(SET, b"now")
             eventually(seen, lambda s: len(s) > SET.history)
             assert [payload for _, payload in seen()] == [*sets[-SET.history :], b"now"]
@@ -200,6 +202,21 @@ def test_first_look_at_the_peers_gives_all_that_stand_but_oneself(router: Router
         changes = c.drain_peer_changes()
         assert {(change.peer.id, change.alive) for change in changes} == {("a", True), ("b", True)}
         assert c.drain_peer_changes() == []
+
+
+def test_a_peer_that_is_listed_but_never_seen_again_is_gone(
+    router: Router, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(zenoh_roll, "CONFIRM_S", 0.2)
+    ghost = Peer("robot", "ghost", "1")
+    with joined(router.endpoints, "a"), joined(router.endpoints, "b") as b:
+        b.drain_peer_changes()
+        assert b._roll is not None
+        # As when a token is withdrawn between the listing and the following.
+        b._roll._change(ghost, True)
+        b._roll._unconfirmed.add(ghost)
+        assert b.drain_peer_changes() == [PeerChange(ghost, True)]
+        assert eventually(b.drain_peer_changes) == [PeerChange(ghost, False)]  # and a is not
 
 
 @pytest.mark.processes
