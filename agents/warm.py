@@ -8,7 +8,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 Warmup = tuple[str, Callable[[], object]]  # a kernel's name, and a small call of it
 
-QUIET_S = 2.0  # nobody needs to read about a warm-up that took no longer
+QUIET_S = 4.0  # nobody needs to read about a warm-up that took no longer
 
 
 def warmups() -> list[Warmup]:
