@@ -38,7 +38,7 @@ def looks(commitment: Commitment, start: float) -> Looks:
     arrival, period = float(commitment.times[-1]), commitment.measure_period
     since = max(start - SAME_INSTANT, float(times[-1]) + SAME_INSTANT if times.size else -np.inf)
     first = arrival + period * max(0.0, np.ceil((since - arrival) / period))
-    return Looks(times[keep], poses[keep], first, commitment.poses[-1], period)
+    return Looks(times[keep], poses[keep], first, np.array(commitment.poses[-1]), period)
 
 
 def position_at(commitment: Commitment, time: float) -> FloatArray:

@@ -20,22 +20,22 @@ def cell_corners(exploration: Exploration, points: FloatArray) -> tuple[FloatArr
     """
     values = exploration.values
     count = points.shape[0] << values.ndim
-    corners, shares = np.empty((values.ndim, count)), np.empty(count)
+    corners, weights, index = np.empty((values.ndim, count)), np.empty(count), np.empty(count, dtype=np.int64)
     shape = np.array(values.shape, dtype=np.int64)
-    places = np.ascontiguousarray(points)
-    _cell_corners(values.ravel(), shape, exploration.low, exploration.high, places, corners, shares)
-    return corners, shares
+    low, high = np.array(exploration.low), np.array(exploration.high)
+    _cell_corners(shape, low, high, np.ascontiguousarray(points), corners, weights, index)
+    return corners, weights * values.ravel()[index]
 
 
 @kernel
 def _cell_corners(
-    values: FloatArray,
     shape: IntArray,
     low: FloatArray,
     high: FloatArray,
     points: FloatArray,
     corners: FloatArray,
-    shares: FloatArray,
+    weights: FloatArray,
+    index: IntArray,
 ) -> None:
     d = shape.size
     node = np.zeros(d, dtype=np.int64)
@@ -50,17 +50,16 @@ def _cell_corners(
                 share[a] = u - node[a]
         for corner in range(1 << d):
             column = (i << d) + corner
-            index = 0
-            weight = 1.0
+            index[column] = 0
+            weights[column] = 1.0
             for a in range(d):
                 up = (corner >> a) & 1
                 n = min(node[a] + up, shape[a] - 1)
-                index = index * shape[a] + n
-                weight *= share[a] if up else 1.0 - share[a]
+                index[column] = index[column] * shape[a] + n
+                weights[column] *= share[a] if up else 1.0 - share[a]
                 corners[a, column] = low[a]
                 if shape[a] > 1:
                     corners[a, column] += (high[a] - low[a]) * n / (shape[a] - 1)
-            shares[column] = weight * values[index]
 
 
 def explore(

@@ -54,7 +54,7 @@ class Maasi:
         objective = scored(view, view.exploration, self.config)
         possible = np.isfinite(objective)
         if not possible.any():
-            return Plan(None, "holds: it is at its only candidate waypoint already")
+            return Plan(None, nowhere(view))
         if not (possible & view.clear).any():
             return Plan(None, crowded(problem.separation))
         best = int(np.argmax(np.where(possible & view.clear, objective, -np.inf)))
@@ -77,6 +77,13 @@ def unplannable(problem: PlanProblem, setup: PlannerSetup) -> str:
     if not (np.isfinite(problem.measure_period) and problem.measure_period > 0):
         return f"holds: its measurement period is {problem.measure_period:g} s, not a positive number"
     return ""
+
+
+def nowhere(view: Outlook) -> str:
+    """The reason to hold when no candidate has a value."""
+    if (view.steps > 0).any():
+        return "holds: the value of every candidate is not a number; clusters or exploration are damaged"
+    return "holds: it is at its only candidate waypoint already"
 
 
 def crowded(separation: float) -> str:

@@ -113,8 +113,10 @@ class Quadrotor:
         every = measure_steps(measure_period, self.control_period)
         targets = np.ascontiguousarray(waypoints, dtype=np.float64)
         present = max(float(np.linalg.norm(state[6:9])), float(np.linalg.norm(state[15:18])))
+        with np.errstate(over="ignore"):
+            gaps = np.linalg.norm(targets - state[:3], axis=1)
         bounds = step_bounds(
-            np.linalg.norm(targets - state[:3], axis=1),
+            gaps,
             self.config.speed_m_s,
             self.config.acceleration_m_s2,
             present,

@@ -42,7 +42,9 @@ def clearances(
     if other.times.size == 0:
         least.fill(np.inf)
         return least
-    _clearances(offsets, times, poses, end_times, ends, other.times - start_time, other.poses, least)
+    _clearances(
+        offsets, times, poses, end_times, ends, other.times - start_time, np.array(other.poses), least
+    )
     return least
 
 

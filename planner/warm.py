@@ -1,0 +1,76 @@
+"""Every kernel of this room once with tiny data of run-time types, so that no robot compiles in flight."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from estimator.exploration import Exploration
+from estimator.filter import Area
+from estimator.range_bearing import RangeBearing
+from planner.candidates import CandidateGrid
+from planner.maasi import Maasi
+from planner.maasi_joint import MaasiJoint
+from planner.plan import Commitment, PlannerSetup, PlanProblem, VehicleModel
+from planner.quadrotor import Quadrotor
+from planner.unicycle import Unicycle
+
+
+def warmups() -> list[tuple[str, Callable[[], None]]]:
+    """Names for people, and what to call."""
+    return [
+        ("quadrotor", lambda: _move(Quadrotor(Quadrotor.Config()))),
+        ("unicycle", lambda: _move(Unicycle(Unicycle.Config()))),
+        ("(MA)ASI planner", _plan),
+    ]
+
+
+def _move(vehicle: VehicleModel) -> None:
+    state = vehicle.initial_state(np.zeros(4))
+    waypoint = np.array([1.0, 0.0, 0.0])
+    vehicle.advance(vehicle.begin(state, waypoint), waypoint, 2)
+    vehicle.trajectory(state, waypoint, 0.0, 0.1)
+
+
+def _sensor(dimension: int) -> RangeBearing:
+    config = RangeBearing.Config(
+        period_s=1.0,
+        range_sigma_m=1.0,
+        bearing_sigma_deg=1.0,
+        elevation_sigma_deg=1.0 if dimension == 3 else None,
+        reach_m=[5.0] * dimension,
+    )
+    return RangeBearing.of(config, Area(np.zeros(dimension), np.full(dimension, 10.0)))
+
+
+def _plan() -> None:
+    for dimension in (2, 3):
+        area = Area(np.zeros(dimension), np.full(dimension, 10.0))
+        vehicle = Quadrotor(Quadrotor.Config())
+        sensor = _sensor(dimension)
+        setup = PlannerSetup({"a": vehicle, "b": vehicle}, {"a": sensor, "b": sensor}, area)
+        grid = CandidateGrid.over(area, 2)
+        other = Commitment(
+            robot="c",
+            version=0,
+            measure_times=np.zeros(1),
+            measure_poses=np.full((1, 4), 30.0),
+            times=np.array([0.0, 1.0]),
+            poses=np.full((2, 4), 30.0),
+            measure_period=1.0,
+        )
+        problems = tuple(
+            PlanProblem(
+                robot=robot,
+                state=vehicle.initial_state(np.array([place, 0.0, 0.0, 0.0])),
+                start_time=0.0,
+                measure_period=1.0,
+                clusters=np.ones((dimension, 1)),
+                exploration=Exploration.unexplored(area, [3] * dimension),
+                others=(other,),
+                area=area,
+                separation=0.5,
+            )
+            for robot, place in (("a", 0.0), ("b", 10.0))
+        )
+        Maasi(Maasi.Config(candidates=grid), setup).plan(problems[0])
+        MaasiJoint(MaasiJoint.Config(candidates=grid), setup).plan_jointly(problems)
