@@ -14,8 +14,8 @@ from estimator.sensor import SensorModel
 from planner.commitments import Looks, looks, position_at, usable
 from planner.coverage import BATCH, cell_corners, explore
 from planner.plan import Commitment, PlannerSetup, PlanProblem, Predictions, VehicleModel
-from planner.prediction import measure_steps
-from planner.separation import clearances, finer
+from planner.prediction import finer, measure_steps, measurements_only
+from planner.separation import clearances
 
 SAME_PLACE = 1e-6  # m
 
@@ -87,7 +87,7 @@ def outlook(
     apart = problem.separation > 0 and bool(others)
     parts = finer(every, vehicle.control_period) if apart or ways else 1
     way = vehicle.predict(problem.state, waypoints, every / parts * vehicle.control_period)
-    predictions = way if parts == 1 else _every(way, parts)
+    predictions = way if parts == 1 else measurements_only(way, parts)
     clearance, clear = _clearance(problem, vehicle, way, others if apart else ())
 
     poses = predictions.measure_poses
@@ -189,19 +189,3 @@ def _clearance(
         least = np.minimum(least, kept)
         enough &= kept >= min(problem.separation, now) - SAME_PLACE
     return least, enough
-
-
-def _every(way: Predictions, parts: int) -> Predictions:
-    """The measurements alone, of predictions with `parts` samples for each."""
-    rank = np.arange(way.offsets[-1]) - np.repeat(way.offsets[:-1], np.diff(way.offsets))
-    keep = rank % parts == 0
-    offsets = np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(keep)])[way.offsets]
-    return Predictions(
-        waypoints=way.waypoints,
-        steps=way.steps,
-        control_costs=way.control_costs,
-        offsets=offsets,
-        measure_times=way.measure_times[keep],
-        measure_poses=way.measure_poses[keep],
-        end_states=way.end_states,
-    )

@@ -6,9 +6,10 @@ import numpy as np
 
 from estimator.arrays import FloatArray, IntArray
 from estimator.kernels import exact_kernel
-from planner.plan import Trajectory, VehicleModel
+from planner.plan import Predictions, Trajectory, VehicleModel
 
 SAMPLES = 200  # of a trajectory, at most
+SAMPLE_S = 0.25  # between samples of a way, at most, unless SAMPLES forbids it
 PATIENCE = 10.0  # a prediction ends after this many times the straight way's time
 SETTLE_S = 5.0  # what a controller may take on top of that time on a very short way
 
@@ -39,28 +40,53 @@ def measure_times(offsets: IntArray, period: float) -> FloatArray:
     return rank.astype(np.float64) * period
 
 
+def finer(measure_steps: int, control_period: float) -> int:
+    """Into how many equal parts to cut the measurement period for samples at most SAMPLE_S apart."""
+    parts = max(1, math.ceil(measure_steps * control_period / SAMPLE_S - 1e-9))
+    while measure_steps % parts:
+        parts += 1
+    return parts
+
+
+def measurements_only(way: Predictions, parts: int) -> Predictions:
+    """The measurements alone, of predictions with `parts` samples for each."""
+    rank = np.arange(way.offsets[-1]) - np.repeat(way.offsets[:-1], np.diff(way.offsets))
+    keep = rank % parts == 0
+    offsets = np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(keep)])[way.offsets]
+    return Predictions(
+        waypoints=way.waypoints,
+        steps=way.steps,
+        control_costs=way.control_costs,
+        offsets=offsets,
+        measure_times=way.measure_times[keep],
+        measure_poses=way.measure_poses[keep],
+        end_states=way.end_states,
+    )
+
+
 def sampled(
     model: VehicleModel, state: FloatArray, waypoint: FloatArray, start_time: float, measure_period: float
 ) -> Trajectory:
-    """`VehicleModel.trajectory` for a model that can predict: once for the measurements, once for samples."""
+    """`VehicleModel.trajectory` for a model that can predict."""
     target = np.ascontiguousarray(waypoint, dtype=np.float64)[None]
-    prediction = model.predict(state, target, measure_period)
-    steps = int(prediction.steps[0])
     period = model.control_period
-    stride = max(1, math.ceil(steps / (SAMPLES - 1)))
-    way = model.predict(state, target, stride * period)
-    end_state = np.array(prediction.end_states[0])
-    end_time = start_time + steps * period
+    every = measure_steps(measure_period, period)
+    parts = finer(every, period)
+    way = model.predict(state, target, every / parts * period)
+    measured = measurements_only(way, parts)
+    stride = max(1, math.ceil(way.measure_times.size / (SAMPLES - 1)))
+    end_state = np.array(way.end_states[0])
+    end_time = start_time + int(way.steps[0]) * period
     return Trajectory(
         waypoint=np.array(target[0]),
         start_time=start_time,
         end_time=end_time,
-        measure_times=start_time + prediction.measure_times,
-        measure_poses=prediction.measure_poses,
-        times=np.append(start_time + way.measure_times, end_time),
-        poses=np.vstack([way.measure_poses, model.pose(end_state)]),
+        measure_times=start_time + measured.measure_times,
+        measure_poses=measured.measure_poses,
+        times=np.append(start_time + way.measure_times[::stride], end_time),
+        poses=np.vstack([way.measure_poses[::stride], model.pose(end_state)]),
         end_state=end_state,
-        control_cost=float(prediction.control_costs[0]),
+        control_cost=float(way.control_costs[0]),
     )
 
 

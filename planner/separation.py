@@ -1,22 +1,13 @@
-"""How near the ways to the candidates come to the ways of other robots."""
+"""How near the ways to the candidates come to the ways of other robots.
 
-import math
+Between samples both robots are taken to move straight.
+"""
 
 import numpy as np
 
 from estimator.arrays import FloatArray, IntArray
 from estimator.kernels import kernel
 from planner.plan import Commitment
-
-SAMPLE_S = 0.25  # between samples of a way; in between both robots are taken to move straight
-
-
-def finer(measure_steps: int, control_period: float) -> int:
-    """Into how many equal parts to cut the measurement period for samples at most SAMPLE_S apart."""
-    parts = max(1, math.ceil(measure_steps * control_period / SAMPLE_S - 1e-9))
-    while measure_steps % parts:
-        parts += 1
-    return parts
 
 
 def clearances(

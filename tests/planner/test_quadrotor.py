@@ -198,11 +198,10 @@ def test_control_cost_is_the_sum_of_squared_inputs():
     assert prediction.control_costs[0] == pytest.approx(cost, rel=1e-6)
 
 
-def test_trajectory_has_few_samples_with_both_ends():
+def test_trajectory_has_both_ends():
     vehicle = drone()
     state = vehicle.initial_state(np.zeros(4))
     trajectory = vehicle.trajectory(state, np.array([40.0, 0.0, 0.0]), 5.0, 1.0)
-    assert 100 <= len(trajectory.times) <= 201
     assert trajectory.times[0] == trajectory.start_time == trajectory.measure_times[0] == 5.0
     assert trajectory.times[-1] == trajectory.end_time
     assert (np.diff(trajectory.times) > 0).all()

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from planner.plan import Commitment
-from planner.separation import clearances, finer
+from planner.separation import clearances
 
 
 def other(times, poses):
@@ -74,8 +74,3 @@ def test_agrees_with_dense_sampling(seed):
         other(times, poses),
     )[0]
     assert least == pytest.approx(dense_least, abs=2e-3)
-
-
-@pytest.mark.parametrize(("steps", "parts"), [(200, 4), (10, 1), (47, 1), (274, 137), (100, 2)])
-def test_samples_divide_the_measurement_period(steps, parts):
-    assert finer(steps, 0.005) == parts
