@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 ShortArray = NDArray[np.int32]
+IndexArray = NDArray[np.uint32]
+FlagArray = NDArray[np.uint8]
 BoolArray = NDArray[np.bool_]
 
 Positive = Annotated[float, Meta(gt=0)]

@@ -13,35 +13,56 @@ from estimator.sensor import Look
 _NOTHING = 1e-290  # a denominator up to this is 0 to working precision
 
 
-def corrected(
-    weights: FloatArray, look: Look, elsewhere: FloatArray | None = None
-) -> tuple[FloatArray, FloatArray]:
-    """Posterior weights (n,) and each measurement's denominator (m,).
-
-    w_i' = w_i (1 - p_D(x_i)) + sum_j w_i p_D(x_i) g(z_j | x_i) / D_j, with
-    D_j = c(z_j) + e_j + sum_i w_i p_D(x_i) g(z_j | x_i), where `elsewhere` e_j (m,) is what a part of the
-    intensity that is not in the points adds; none by default. A measurement whose denominator is 0 says
-    nothing: under the model it cannot have happened.
+def explained(weights: FloatArray, look: Look) -> FloatArray:
+    """What the points explain of each measurement (m,): sum_i w_i p_D(x_i) g(z_j | x_i).
 
     Raises:
         ValueError: if there is not one weight per point of the look.
     """
+    _check(weights, look)
+    totals = np.empty(look.clutter.size)
+    _explain(weights, look.detection, look.offsets, look.indices, look.likelihood, totals)
+    return totals
+
+
+def corrected(weights: FloatArray, look: Look, denominators: FloatArray | None = None) -> FloatArray:
+    """Posterior weights (n,) of points with prior weights (n,).
+
+    w_i' = w_i (1 - p_D(x_i)) + sum_j w_i p_D(x_i) g(z_j | x_i) / D_j, by default with
+    D_j = c(z_j) + sum_i w_i p_D(x_i) g(z_j | x_i); a part of the intensity that is not in the points adds its
+    own to `denominators` (m,). A measurement whose denominator is 0 changes nothing: under the model it
+    cannot have happened.
+
+    Raises:
+        ValueError: if there is not one weight per point of the look.
+    """
+    _check(weights, look)
+    if denominators is None:
+        denominators = look.clutter + explained(weights, look)
+    posterior = np.empty_like(weights)
+    _correct(weights, look.detection, look.offsets, look.indices, look.likelihood, denominators, posterior)
+    return posterior
+
+
+def _check(weights: FloatArray, look: Look) -> None:
     if weights.shape != look.detection.shape:
         raise ValueError(f"weights: expected shape {look.detection.shape}, got {weights.shape}")
-    background = look.clutter if elsewhere is None else look.clutter + elsewhere
-    posterior = np.empty_like(weights)
-    denominators = np.empty(look.clutter.size)
-    _correct(
-        weights,
-        look.detection,
-        look.offsets,
-        look.indices,
-        look.likelihood,
-        background,
-        posterior,
-        denominators,
-    )
-    return posterior, denominators
+
+
+@kernel
+def _explain(
+    weights: FloatArray,
+    detection: FloatArray,
+    offsets: IntArray,
+    indices: IntArray,
+    likelihood: FloatArray,
+    totals: FloatArray,
+) -> None:
+    for j in range(totals.size):
+        total = 0.0
+        for k in range(offsets[j], offsets[j + 1]):
+            total += weights[indices[k]] * detection[indices[k]] * likelihood[k]
+        totals[j] = total
 
 
 @kernel
@@ -51,20 +72,15 @@ def _correct(
     offsets: IntArray,
     indices: IntArray,
     likelihood: FloatArray,
-    background: FloatArray,
-    posterior: FloatArray,
     denominators: FloatArray,
+    posterior: FloatArray,
 ) -> None:
     for i in range(weights.size):
         posterior[i] = weights[i] * (1.0 - detection[i])
-    for j in range(background.size):
-        total = background[j]
-        for k in range(offsets[j], offsets[j + 1]):
-            i = indices[k]
-            total += weights[i] * detection[i] * likelihood[k]
-        denominators[j] = total
-        if total <= _NOTHING:
+    for j in range(denominators.size):
+        if denominators[j] <= _NOTHING:
             continue
+        inverse = 1.0 / denominators[j]
         for k in range(offsets[j], offsets[j + 1]):
             i = indices[k]
-            posterior[i] += weights[i] * detection[i] * likelihood[k] / total
+            posterior[i] += weights[i] * detection[i] * likelihood[k] * inverse

@@ -1,18 +1,19 @@
 """Likelihoods of range-bearing(-elevation) measurements at the few points that each can touch.
 
-Range and direction around the sensor are cut into 64 x 64 cells; a cell lists the measurements whose gate
-reaches into it. Each point looks up its own cell only, so the work follows the pairs that matter and not
-points times measurements. Directions use a monotone stand-in for the angle that needs one division.
+Range and direction around the sensor are cut into 64 x 64 cells. Points are sorted into those cells that some
+gate reaches into, and each measurement looks at its own cells only, so the work follows the pairs that matter
+and not points times measurements. Directions use a monotone stand-in for the angle that needs one division.
 """
 
 import numpy as np
 
-from estimator.arrays import FloatArray, IntArray, ShortArray
+from estimator.arrays import FlagArray, FloatArray, IndexArray, IntArray, ShortArray
 from estimator.kernels import exp_negative, kernel
 
 _RINGS = 64
 _RAYS = 64
 _CELLS = _RINGS * _RAYS
+_BLOCK = 512  # points worked on at once, so that their numbers stay in the fastest cache
 _SMALL = 0.25  # radians up to which the arcsine's series below is good to 1e-11
 
 
@@ -32,176 +33,111 @@ def _arcsine(s: float) -> float:
 
 
 @kernel
-def _table(
-    measurements: FloatArray, sigmas: FloatArray, gate: float, farthest: float
-) -> tuple[IntArray, IntArray]:
-    """For each cell the measurements whose gate reaches into it, as compressed rows."""
+def _gates(
+    measurements: FloatArray, sigmas: FloatArray, gate: float, farthest: float, used: FlagArray
+) -> ShortArray:
+    """First and last ring, first and last ray (m, 4) of each measurement's gate; marks its cells in `used`.
+
+    A last ray beyond the number of rays goes on from ray 0.
+    """
     m = measurements.shape[0]
-    rings = np.empty((m, 2), np.int64)
-    rays = np.empty((m, 2), np.int64)
-    start = np.zeros(_CELLS + 2, np.int64)
-    half = gate * sigmas[1]
+    gates = np.empty((m, 4), np.int32)
+    half, width, scale = gate * sigmas[1], gate * sigmas[0], _RINGS / farthest
     for j in range(m):
-        r, width = measurements[j, 0], gate * sigmas[0]
-        scale = _RINGS / farthest
-        rings[j, 0] = max(0, int((r - width) * scale) - 1)
-        rings[j, 1] = min(_RINGS - 1, int((r + width) * scale) + 1)
+        r = measurements[j, 0]
+        gates[j, 0] = max(0, int((r - width) * scale) - 1)
+        gates[j, 1] = min(_RINGS - 1, int((r + width) * scale) + 1)
         if half >= 3.1:
-            rays[j, 0], rays[j, 1] = 0, _RAYS - 1
+            gates[j, 2], gates[j, 3] = 0, _RAYS - 1
         else:
             a, b = measurements[j, 1] - half, measurements[j, 1] + half
             first = int((_diamond(np.cos(a), np.sin(a)) + 1.0) * (0.25 * _RAYS)) - 1
             last = int((_diamond(np.cos(b), np.sin(b)) + 1.0) * (0.25 * _RAYS)) + 1
             if last < first or (half > 1.5 and last - first < _RAYS // 4):
                 last += _RAYS
-            rays[j, 0], rays[j, 1] = first, min(last, first + _RAYS - 1)
-        for ring in range(rings[j, 0], rings[j, 1] + 1):
-            for ray in range(rays[j, 0], rays[j, 1] + 1):
-                start[ring * _RAYS + ray % _RAYS + 1] += 1
-    for c in range(_CELLS + 1):
-        start[c + 1] += start[c]
-    listed = np.empty(start[_CELLS], np.int64)
-    filled = start[:_CELLS].copy()
-    for j in range(m):
-        for ring in range(rings[j, 0], rings[j, 1] + 1):
-            for ray in range(rays[j, 0], rays[j, 1] + 1):
-                c = ring * _RAYS + ray % _RAYS
-                listed[filled[c]] = j
-                filled[c] += 1
-    return start, listed
+            gates[j, 2], gates[j, 3] = first, min(last, first + _RAYS - 1)
+        for ring in range(gates[j, 0], gates[j, 1] + 1):
+            for ray in range(gates[j, 2], gates[j, 3] + 1):
+                used[ring * _RAYS + ray % _RAYS] = 1
+    return gates
 
 
 @kernel
-def _cells(
-    points: FloatArray, pose: FloatArray, farthest: float, ranges: FloatArray, cells: ShortArray
-) -> float:
-    """Range and cell of every point; beyond `farthest` the cell is the empty last one. The ranges' sum."""
+def _near(
+    points: FloatArray, pose: FloatArray, farthest: float, used: FlagArray
+) -> tuple[IndexArray, ShortArray, bool]:
+    """Indices and cells of the points in used cells; whether all points are finite."""
+    n = points.shape[1]
+    near, near_cells = np.empty(n, np.uint32), np.empty(n, np.int32)
+    ranges, cells = np.empty(_BLOCK), np.empty(_BLOCK, np.int32)
     scale, turn = _RINGS / farthest, 0.25 * _RAYS
-    px, py = points[0], points[1]
     x, y = pose[0], pose[1]
-    total = 0.0
-    if points.shape[0] == 3:
-        pz, z = points[2], pose[2]
-        for i in range(px.size):
-            dx, dy, dz = px[i] - x, py[i] - y, pz[i] - z
-            ranges[i] = np.sqrt(dx * dx + dy * dy + dz * dz)
-    else:
-        for i in range(px.size):
-            dx, dy = px[i] - x, py[i] - y
-            ranges[i] = np.sqrt(dx * dx + dy * dy)
-    for i in range(px.size):
-        r = ranges[i]
-        total += r
-        near = r < farthest  # false for NaN
-        ring = (r if near else 0.0) * scale
-        ray = (_diamond(px[i] - x, py[i] - y) + 1.0) * turn
-        ray = ray if near else 0.0
-        row, column = min(np.int32(ring), np.int32(_RINGS - 1)), np.int32(ray) & np.int32(_RAYS - 1)
-        cells[i] = row * np.int32(_RAYS) + column if near else np.int32(_CELLS)
-    return total
-
-
-@kernel
-def _densities_2d(
-    points: FloatArray,
-    pose: FloatArray,
-    ranges: FloatArray,
-    measurements: FloatArray,
-    sigmas: FloatArray,
-    gate: float,
-    rows: ShortArray,
-    found: ShortArray,
-    density: FloatArray,
-) -> None:
-    """Gaussian densities of the pairs (rows[k], found[k]), 0 outside the gate. Without branches on data."""
-    r_z, cosines, sines = measurements[:, 0].copy(), np.cos(measurements[:, 1]), np.sin(measurements[:, 1])
-    px, py, x, y = points[0], points[1], pose[0], pose[1]
-    width, half = gate * sigmas[0], gate * sigmas[1]
-    limit = np.sin(min(half, 1.0))
-    weight_r, weight_b = 0.5 / sigmas[0] ** 2, 0.5 / sigmas[1] ** 2
-    norm = 1.0 / (2.0 * np.pi * sigmas[0] * sigmas[1])
-    if half <= _SMALL:
-        for k in range(rows.size):
-            i, j = found[k], rows[k]
+    total, count = 0.0, 0
+    for begin in range(0, n, _BLOCK):
+        size = min(_BLOCK, n - begin)
+        px, py = points[0, begin : begin + size], points[1, begin : begin + size]
+        if points.shape[0] == 3:
+            pz, z = points[2, begin : begin + size], pose[2]
+            for i in range(size):
+                dx, dy, dz = px[i] - x, py[i] - y, pz[i] - z
+                ranges[i] = np.sqrt(dx * dx + dy * dy + dz * dz)
+        else:
+            for i in range(size):
+                dx, dy = px[i] - x, py[i] - y
+                ranges[i] = np.sqrt(dx * dx + dy * dy)
+        for i in range(size):
             r = ranges[i]
-            on = r == 0.0
-            inverse = 1.0 / (1.0 if on else r)
-            ux, uy = (1.0 if on else px[i] - x) * inverse, (py[i] - y) * inverse
-            off = r - r_z[j]
-            ahead, aside = cosines[j] * ux + sines[j] * uy, cosines[j] * uy - sines[j] * ux
-            inside = (abs(off) <= width) & (ahead > 0.0) & (abs(aside) <= limit)
-            turn = _arcsine(aside)
-            value = norm * exp_negative(-(weight_r * off * off + weight_b * turn * turn))
-            density[k] = value if inside else 0.0
-    else:
-        for k in range(rows.size):
-            i, j = found[k], rows[k]
-            off = ranges[i] - r_z[j]
-            dx, dy = px[i] - x, py[i] - y
-            if ranges[i] == 0.0:
-                dx = 1.0
-            turn = np.arctan2(cosines[j] * dy - sines[j] * dx, cosines[j] * dx + sines[j] * dy)
-            inside = (abs(off) <= width) & (abs(turn) <= half)
-            value = norm * exp_negative(-(weight_r * off * off + weight_b * turn * turn))
-            density[k] = value if inside else 0.0
+            total += r
+            inside = r < farthest  # false for NaN
+            ring = (r if inside else 0.0) * scale
+            ray = (_diamond(px[i] - x, py[i] - y) + 1.0) * turn
+            ray = ray if inside else 0.0
+            row, column = min(np.int32(ring), np.int32(_RINGS - 1)), np.int32(ray) & np.int32(_RAYS - 1)
+            cells[i] = row * np.int32(_RAYS) + column if inside else np.int32(_CELLS)
+        for i in range(size):
+            near[count] = begin + i
+            near_cells[count] = cells[i]
+            count += used[cells[i]]
+    return near[:count], near_cells[:count], np.isfinite(total)
 
 
 @kernel
-def _densities_3d(
-    points: FloatArray,
-    pose: FloatArray,
-    ranges: FloatArray,
-    measurements: FloatArray,
-    sigmas: FloatArray,
-    gate: float,
-    rows: ShortArray,
-    found: ShortArray,
-    density: FloatArray,
-) -> None:
-    """As `_densities_2d`, with the elevation."""
-    r_z, cosines, sines = measurements[:, 0].copy(), np.cos(measurements[:, 1]), np.sin(measurements[:, 1])
-    high, up_cosines, up_sines = (
-        measurements[:, 2].copy(),
-        np.cos(measurements[:, 2]),
-        np.sin(measurements[:, 2]),
-    )
-    px, py, pz, x, y, z = points[0], points[1], points[2], pose[0], pose[1], pose[2]
-    width, half, up_half = gate * sigmas[0], gate * sigmas[1], gate * sigmas[2]
-    limit, up_limit = np.sin(min(half, 1.0)), np.sin(min(up_half, 1.0))
-    weight_r, weight_b, weight_e = 0.5 / sigmas[0] ** 2, 0.5 / sigmas[1] ** 2, 0.5 / sigmas[2] ** 2
-    norm = 1.0 / ((2.0 * np.pi) ** 1.5 * sigmas[0] * sigmas[1] * sigmas[2])
-    if half <= _SMALL and up_half <= _SMALL:
-        for k in range(rows.size):
-            i, j = found[k], rows[k]
-            dx, dy, dz, r = px[i] - x, py[i] - y, pz[i] - z, ranges[i]
-            level = np.sqrt(dx * dx + dy * dy)
-            above, on = level == 0.0, r == 0.0
-            inverse, up_inverse = 1.0 / (1.0 if above else level), 1.0 / (1.0 if on else r)
-            ux, uy = (1.0 if above else dx) * inverse, dy * inverse
-            ce, se = (1.0 if on else level) * up_inverse, dz * up_inverse
-            off = r - r_z[j]
-            ahead, aside = cosines[j] * ux + sines[j] * uy, cosines[j] * uy - sines[j] * ux
-            along, rise = ce * up_cosines[j] + se * up_sines[j], se * up_cosines[j] - ce * up_sines[j]
-            inside = (abs(off) <= width) & (ahead > 0.0) & (abs(aside) <= limit)
-            inside = inside & (along > 0.0) & (abs(rise) <= up_limit)
-            turn, rise = _arcsine(aside), _arcsine(rise)
-            exponent = weight_r * off * off + weight_b * turn * turn + weight_e * rise * rise
-            value = norm * exp_negative(-exponent)
-            density[k] = value if inside else 0.0
-    else:
-        for k in range(rows.size):
-            i, j = found[k], rows[k]
-            dx, dy, dz = px[i] - x, py[i] - y, pz[i] - z
-            level = np.sqrt(dx * dx + dy * dy)
-            off = ranges[i] - r_z[j]
-            rise = np.arctan2(dz, level) - high[j]
-            if level == 0.0:
-                dx = 1.0
-            turn = np.arctan2(cosines[j] * dy - sines[j] * dx, cosines[j] * dx + sines[j] * dy)
-            inside = (abs(off) <= width) & (abs(turn) <= half) & (abs(rise) <= up_half)
-            exponent = weight_r * off * off + weight_b * turn * turn + weight_e * rise * rise
-            value = norm * exp_negative(-exponent)
-            density[k] = value if inside else 0.0
+def _by_cell(near: IndexArray, cells: ShortArray) -> tuple[IntArray, IndexArray]:
+    """The points cell by cell: offsets (cells + 1,), indices. Counting sort."""
+    offsets = np.zeros(_CELLS + 1, np.int64)
+    for q in range(near.size):
+        offsets[cells[q] + 1] += 1
+    for c in range(_CELLS):
+        offsets[c + 1] += offsets[c]
+    filled = offsets[:_CELLS].copy()
+    indices = np.empty(near.size, np.uint32)
+    for q in range(near.size):
+        indices[filled[cells[q]]] = near[q]
+        filled[cells[q]] += 1
+    return offsets, indices
+
+
+@kernel
+def _candidates(gates: ShortArray, offsets: IntArray, indices: IndexArray) -> tuple[IntArray, IndexArray]:
+    """Points in the cells of each measurement's gate, as compressed rows."""
+    m = gates.shape[0]
+    rows = np.zeros(m + 1, np.int64)
+    for j in range(m):
+        rows[j + 1] = rows[j]
+        for ring in range(gates[j, 0], gates[j, 1] + 1):
+            for ray in range(gates[j, 2], gates[j, 3] + 1):
+                c = ring * _RAYS + ray % _RAYS
+                rows[j + 1] += offsets[c + 1] - offsets[c]
+    candidates = np.empty(rows[m], np.uint32)
+    at = 0
+    for j in range(m):
+        for ring in range(gates[j, 0], gates[j, 1] + 1):
+            for ray in range(gates[j, 2], gates[j, 3] + 1):
+                c = ring * _RAYS + ray % _RAYS
+                for k in range(offsets[c], offsets[c + 1]):
+                    candidates[at] = indices[k]
+                    at += 1
+    return rows, candidates
 
 
 @kernel
@@ -213,43 +149,124 @@ def gated_likelihoods(
     points (d, n), pose (4,), measurements (m, d) with bearings in the world frame, sigmas (d,). The last
     result is False if a point is not finite; the rest is then of no use.
     """
-    n, m, solid = points.shape[1], measurements.shape[0], points.shape[0] == 3
+    m = measurements.shape[0]
     farthest = 1e-9
     for j in range(m):
         farthest = max(farthest, measurements[j, 0] + gate * sigmas[0])
-    ranges = np.empty(n)
-    cells = np.empty(n, np.int32)
-    finite = np.isfinite(_cells(points, pose, farthest, ranges, cells))
+    used = np.zeros(_CELLS + 1, np.uint8)
+    gates = _gates(measurements, sigmas, gate, farthest, used)
+    near, cells, finite = _near(points, pose, farthest, used)
+    by_cell, sorted_points = _by_cell(near, cells)
+    rows, candidates = _candidates(gates, by_cell, sorted_points)
     offsets = np.zeros(m + 1, np.int64)
-    if m == 0 or not finite:
-        return offsets, np.empty(0, np.int64), np.empty(0), finite
-    start, listed = _table(measurements, sigmas, gate, farthest)
-
-    pairs = 0
-    for i in range(n):
-        pairs += start[cells[i] + 1] - start[cells[i]]
-    rows, found = np.empty(pairs, np.int32), np.empty(pairs, np.int32)
+    indices, likelihood = np.empty(rows[m], np.int64), np.empty(rows[m])
+    buffer, density = np.empty((5, _BLOCK)), np.empty(_BLOCK)
     count = 0
-    for i in range(n):
-        for k in range(start[cells[i]], start[cells[i] + 1]):
-            rows[count], found[count] = listed[k], i
-            count += 1
-
-    density = np.empty(pairs)
-    if solid:
-        _densities_3d(points, pose, ranges, measurements, sigmas, gate, rows, found, density)
-    else:
-        _densities_2d(points, pose, ranges, measurements, sigmas, gate, rows, found, density)
-
-    for k in range(pairs):
-        offsets[rows[k] + 1] += density[k] > 0.0
     for j in range(m):
-        offsets[j + 1] += offsets[j]
-    filled = offsets[:m].copy()
-    indices, likelihood = np.empty(offsets[m], np.int64), np.empty(offsets[m])
-    for k in range(pairs):
-        if density[k] > 0.0:
-            at = filled[rows[k]]
-            filled[rows[k]] = at + 1
-            indices[at], likelihood[at] = found[k], density[k]
-    return offsets, indices, likelihood, finite
+        for begin in range(rows[j], rows[j + 1], _BLOCK):
+            block = candidates[begin : min(begin + _BLOCK, rows[j + 1])]
+            if points.shape[0] == 3:
+                _densities_3d(points, pose, block, measurements[j], sigmas, gate, buffer, density)
+            else:
+                _densities_2d(points, pose, block, measurements[j], sigmas, gate, buffer, density)
+            for k in range(block.size):
+                indices[count] = block[k]
+                likelihood[count] = density[k]
+                count += density[k] > 0.0
+        offsets[j + 1] = count
+    return offsets, indices[:count], likelihood[:count], finite
+
+
+@kernel
+def _densities_2d(
+    points: FloatArray,
+    pose: FloatArray,
+    block: IndexArray,
+    z: FloatArray,
+    sigmas: FloatArray,
+    gate: float,
+    buffer: FloatArray,
+    density: FloatArray,
+) -> None:
+    """Gaussian densities of measurement z (2,) at the points in `block`, 0 outside the gate.
+
+    Two loops: one that fetches, one that computes and that the compiler can do four wide.
+    """
+    px, py, x, y = points[0], points[1], pose[0], pose[1]
+    off, ahead, aside = buffer[0], buffer[1], buffer[2]
+    cosine, sine = np.cos(z[1]), np.sin(z[1])
+    for k in range(block.size):
+        i = block[k]
+        dx, dy = px[i] - x, py[i] - y
+        r = np.sqrt(dx * dx + dy * dy)
+        dx = dx if r > 0.0 else 1.0
+        inverse = 1.0 / (r if r > 0.0 else 1.0)
+        off[k] = r - z[0]
+        ahead[k] = (cosine * dx + sine * dy) * inverse
+        aside[k] = (cosine * dy - sine * dx) * inverse
+    width, half = gate * sigmas[0], gate * sigmas[1]
+    limit = np.sin(min(half, 1.0))
+    weight_r, weight_b = 0.5 / sigmas[0] ** 2, 0.5 / sigmas[1] ** 2
+    norm = 1.0 / (2.0 * np.pi * sigmas[0] * sigmas[1])
+    if half <= _SMALL:
+        for k in range(block.size):
+            turn = _arcsine(aside[k])
+            value = norm * exp_negative(-(weight_r * off[k] * off[k] + weight_b * turn * turn))
+            inside = (abs(off[k]) <= width) & (ahead[k] > 0.0) & (abs(aside[k]) <= limit)
+            density[k] = value if inside else 0.0
+    else:
+        for k in range(block.size):
+            turn = np.arctan2(aside[k], ahead[k])
+            value = norm * exp_negative(-(weight_r * off[k] * off[k] + weight_b * turn * turn))
+            density[k] = value if (abs(off[k]) <= width) & (abs(turn) <= half) else 0.0
+
+
+@kernel
+def _densities_3d(
+    points: FloatArray,
+    pose: FloatArray,
+    block: IndexArray,
+    z: FloatArray,
+    sigmas: FloatArray,
+    gate: float,
+    buffer: FloatArray,
+    density: FloatArray,
+) -> None:
+    """As `_densities_2d`, with the elevation."""
+    px, py, pz = points[0], points[1], points[2]
+    off, ahead, aside, along, rise = buffer[0], buffer[1], buffer[2], buffer[3], buffer[4]
+    cosine, sine, up_cosine, up_sine = np.cos(z[1]), np.sin(z[1]), np.cos(z[2]), np.sin(z[2])
+    for k in range(block.size):
+        i = block[k]
+        dx, dy, dz = px[i] - pose[0], py[i] - pose[1], pz[i] - pose[2]
+        level2 = dx * dx + dy * dy
+        level, r = np.sqrt(level2), np.sqrt(level2 + dz * dz)
+        above, on = level == 0.0, r == 0.0
+        dx = 1.0 if above else dx
+        inverse, up_inverse = 1.0 / (1.0 if above else level), 1.0 / (1.0 if on else r)
+        ce, se = (1.0 if on else level) * up_inverse, dz * up_inverse
+        off[k] = r - z[0]
+        ahead[k] = (cosine * dx + sine * dy) * inverse
+        aside[k] = (cosine * dy - sine * dx) * inverse
+        along[k] = ce * up_cosine + se * up_sine
+        rise[k] = se * up_cosine - ce * up_sine
+    width, half, up_half = gate * sigmas[0], gate * sigmas[1], gate * sigmas[2]
+    limit, up_limit = np.sin(min(half, 1.0)), np.sin(min(up_half, 1.0))
+    weight_r, weight_b, weight_e = 0.5 / sigmas[0] ** 2, 0.5 / sigmas[1] ** 2, 0.5 / sigmas[2] ** 2
+    norm = 1.0 / ((2.0 * np.pi) ** 1.5 * sigmas[0] * sigmas[1] * sigmas[2])
+    if half <= _SMALL and up_half <= _SMALL:
+        for k in range(block.size):
+            turn, climb = _arcsine(aside[k]), _arcsine(rise[k])
+            exponent = weight_r * off[k] * off[k] + weight_b * turn * turn + weight_e * climb * climb
+            value = norm * exp_negative(-exponent)
+            inside = (abs(off[k]) <= width) & (ahead[k] > 0.0) & (abs(aside[k]) <= limit)
+            inside = inside & (along[k] > 0.0) & (abs(rise[k]) <= up_limit)
+            density[k] = value if inside else 0.0
+    else:
+        for k in range(block.size):
+            turn = np.arctan2(aside[k], ahead[k])
+            climb = np.arctan2(rise[k], along[k])
+            exponent = weight_r * off[k] * off[k] + weight_b * turn * turn + weight_e * climb * climb
+            value = norm * exp_negative(-exponent)
+            inside = (abs(off[k]) <= width) & (abs(turn) <= half) & (abs(climb) <= up_half)
+            density[k] = value if inside else 0.0

@@ -16,6 +16,7 @@ from estimator.arrays import FloatArray, Fraction, NonNegative, Positive
 from estimator.field_of_view import FieldOfView
 from estimator.filter import Area
 from estimator.gating import gated_likelihoods
+from estimator.kernels import kernel
 from estimator.sensor import Look, checked_points, checked_poses, validated
 
 GATE_SIGMAS = 6.0  # a component further off than this has likelihood 0; 2e-9 of the Gaussian lies beyond
@@ -126,27 +127,19 @@ class RangeBearing:
 
     def clutter_intensity(self, measurements: FloatArray, pose: FloatArray) -> FloatArray:
         """c(z; q) (m,), false measurements per m rad(^2): uniform on the support, 0 outside."""
-        density = self.clutter / float(np.prod(self.clutter_high - self.clutter_low))
-        if density == 0.0:
-            return np.zeros(len(measurements))
-        z = measurements.copy()
-        z[:, 1] = wrapped(z[:, 1] - self._clutter_turn(pose))
-        inside = ((z >= self.clutter_low) & (z <= self.clutter_high)).all(axis=1)
-        return np.where(inside, density, 0.0)
+        out = np.zeros(len(measurements))
+        if self.clutter > 0.0:
+            _uniform_clutter(
+                measurements, self.clutter_low, self.clutter_high, self._clutter_turn(pose), self.clutter, out
+            )
+        return out
 
     def locate(self, measurements: FloatArray, pose: FloatArray) -> FloatArray:
         """The point (d, m) that each measurement (m, s) would come from without noise.
 
         A negative range counts as 0.
         """
-        pose = checked_poses(pose)[0]
-        z = self._in_world(validated(measurements, self.measurement_size), pose)
-        r = np.maximum(z[:, 0], 0.0)
-        flat = r * np.cos(z[:, 2]) if self.dimension == 3 else r
-        rows = [pose[0] + flat * np.cos(z[:, 1]), pose[1] + flat * np.sin(z[:, 1])]
-        if self.dimension == 3:
-            rows.append(pose[2] + r * np.sin(z[:, 2]))
-        return np.stack(rows)
+        return self._located(measurements, pose)[0]
 
     def location_covariance(self, measurements: FloatArray, pose: FloatArray) -> FloatArray:
         """Covariance (m, d, d) in m^2 of `locate`, to first order in the angles.
@@ -154,36 +147,15 @@ class RangeBearing:
         Across the line of sight the mean square of the range, r^2 + sigma_r^2, is used instead of r^2, so
         that a target on the sensor has a covariance too.
         """
+        return self._located(measurements, pose)[1]
+
+    def _located(self, measurements: FloatArray, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
         pose = checked_poses(pose)[0]
         z = self._in_world(validated(measurements, self.measurement_size), pose)
-        across = np.maximum(z[:, 0], 0.0) ** 2 + self.sigmas[0] ** 2
-        c, s = np.cos(z[:, 1]), np.sin(z[:, 1])
-        if self.dimension == 2:
-            axes = np.stack([np.stack([c, s], axis=1), np.stack([-s, c], axis=1)], axis=1)
-            scale = np.stack(
-                [np.full_like(across, self.sigmas[0] ** 2), across * self.sigmas[1] ** 2], axis=1
-            )
-        else:
-            ce, se = np.cos(z[:, 2]), np.sin(z[:, 2])
-            zero = np.zeros_like(c)
-            axes = np.stack(
-                [
-                    np.stack([ce * c, ce * s, se], axis=1),
-                    np.stack([-s, c, zero], axis=1),
-                    np.stack([-se * c, -se * s, ce], axis=1),
-                ],
-                axis=1,
-            )
-            level = across * np.maximum(ce**2, self.sigmas[2] ** 2)
-            scale = np.stack(
-                [
-                    np.full_like(across, self.sigmas[0] ** 2),
-                    level * self.sigmas[1] ** 2,
-                    across * self.sigmas[2] ** 2,
-                ],
-                axis=1,
-            )
-        return np.asarray(np.einsum("mki,mk,mkj->mij", axes, scale, axes))
+        d = self.dimension
+        places, covariances = np.empty((d, len(z))), np.empty((len(z), d, d))
+        _locate(z, pose, self.sigmas, places, covariances)
+        return places, covariances
 
     def measure(self, targets: FloatArray, pose: FloatArray) -> FloatArray:
         """Noiseless measurements (n, s) of targets (d, n), (6)-(9)."""
@@ -227,6 +199,55 @@ class RangeBearing:
     def _clutter_turn(self, pose: FloatArray) -> float:
         """What turns the clutter's support: a sector follows yaw also where bearings do not."""
         return float(pose[3]) if self.field.shape == "sector" and not self.body_frame else 0.0
+
+
+@kernel
+def _locate(
+    z: FloatArray, pose: FloatArray, sigmas: FloatArray, places: FloatArray, covariances: FloatArray
+) -> None:
+    """Positions (d, m) and their covariances (m, d, d) of measurements (m, d) in the world frame."""
+    d = z.shape[1]
+    axes, scale = np.zeros((d, d)), np.zeros(d)
+    for j in range(z.shape[0]):
+        r = max(z[j, 0], 0.0)
+        across = r * r + sigmas[0] * sigmas[0]
+        c, s = np.cos(z[j, 1]), np.sin(z[j, 1])
+        ce, se = (np.cos(z[j, 2]), np.sin(z[j, 2])) if d == 3 else (1.0, 0.0)
+        places[0, j], places[1, j] = pose[0] + r * ce * c, pose[1] + r * ce * s
+        axes[0, 0], axes[0, 1] = ce * c, ce * s
+        axes[1, 0], axes[1, 1] = -s, c
+        scale[0] = sigmas[0] ** 2
+        scale[1] = across * sigmas[1] ** 2
+        if d == 3:
+            places[2, j] = pose[2] + r * se
+            axes[0, 2] = se
+            axes[2, 0], axes[2, 1], axes[2, 2] = -se * c, -se * s, ce
+            scale[1] *= max(ce * ce, sigmas[2] ** 2)
+            scale[2] = across * sigmas[2] ** 2
+        for a in range(d):
+            for b in range(d):
+                total = 0.0
+                for k in range(d):
+                    total += axes[k, a] * scale[k] * axes[k, b]
+                covariances[j, a, b] = total
+
+
+@kernel
+def _uniform_clutter(
+    z: FloatArray, low: FloatArray, high: FloatArray, turn: float, rate: float, out: FloatArray
+) -> None:
+    """rate / volume where z (m, s) lies in the support, whose bearings are turned by `turn`."""
+    density = rate
+    for a in range(low.size):
+        density /= high[a] - low[a]
+    for j in range(z.shape[0]):
+        inside = True
+        for a in range(low.size):
+            x = z[j, a]
+            if a == 1:
+                x = (x - turn + pi) % (2.0 * pi) - pi
+            inside = inside and low[a] <= x <= high[a]
+        out[j] = density if inside else 0.0
 
 
 def wrapped(angles: FloatArray) -> FloatArray:

@@ -48,6 +48,19 @@ def effective_size(weights: FloatArray) -> float:
 
 
 @kernel
+def effective_sizes(weights: FloatArray, labels: IntArray, clusters: int) -> FloatArray:
+    """`effective_size` of each cluster's particles, (clusters,)."""
+    totals, squares = np.zeros(clusters), np.zeros(clusters)
+    for i in range(weights.size):
+        if labels[i] >= 0:
+            totals[labels[i]] += weights[i]
+            squares[labels[i]] += weights[i] * weights[i]
+    for c in range(clusters):
+        totals[c] = totals[c] * totals[c] / squares[c] if squares[c] > 0.0 else 0.0
+    return totals
+
+
+@kernel
 def gathered(positions: FloatArray, chosen: IntArray) -> FloatArray:
     """Columns `chosen` of positions (d, n)."""
     out = np.empty((positions.shape[0], chosen.size))

@@ -16,14 +16,16 @@ import numpy as np
 from msgspec import Meta
 
 from estimator.arrays import Count, FloatArray, Fraction, IntArray, NonNegative, Positive
-from estimator.correction import corrected
+from estimator.correction import corrected, explained
 from estimator.filter import Area, Clusters
 from estimator.kmeans import kmeans
-from estimator.resampling import effective_size, gathered, jittered, systematic
+from estimator.resampling import effective_size, effective_sizes, gathered, jittered, systematic
 from estimator.sensor import SensorModel, checked_poses, validated
 from estimator.undetected import Explanations, Undetected, detected, explanations
 
-_SHARE = 1e-3  # the undetected part's share in a measurement below which it is left to the particles
+# A measurement is left to the particles if they explain it so much better than the undetected part does,
+_PLAIN = 1e-2
+_TRACE = 1e-4  # or if the new target would have less mass than this.
 _REACH = 3.0  # standard deviations of a measurement's location that a cluster reaches by default
 
 
@@ -34,6 +36,7 @@ class SmcPhdConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     expected_targets: NonNegative = 1.0  # mass of the uniform prior intensity
     birth: NonNegative = 0.0  # expected new targets per second in the whole area
     survival: Fraction = 1.0  # p_S per second
+    spawning: NonNegative = 0.0  # targets that a detected one brings forth at its place, per second
     grid_points: list[Count] | None = None  # of the undetected intensity; default 33 x 33 or 17 x 17 x 17
     jitter: NonNegative = 0.5  # bandwidth of the regularisation, 1 is the normal rule, 0 is none
     cluster_cutoff_m: Positive | None = None  # default: 3 standard deviations of a measurement's location
@@ -50,7 +53,7 @@ class SmcPhdState:
     labels: IntArray  # (n,) cluster of the last `clusters` call, -1 for none
     undetected: Undetected
     centres: FloatArray  # (d, c) of the last `clusters` call
-    reach: float  # metres, how far a fresh detection spreads; 0 before the first
+    reach: float  # metres, how far a measurement's target may be from where it points; 0 before the first
 
 
 class SmcPhd:
@@ -84,20 +87,26 @@ class SmcPhd:
         )
 
     def predict(self, state: SmcPhdState, duration: float, rng: np.random.Generator) -> SmcPhdState:
-        """(12) over `duration` seconds: survival and birth; static targets do not move.
+        """(12) over `duration` seconds: survival, birth, spawning; static targets do not move.
+
+        Birth adds to the undetected intensity, evenly. Spawning adds to the clusters: what the constant Υ of
+        (12) does when it is added to the weight of every particle, wherever the particles are.
 
         Raises:
             ValueError: if duration is negative or not finite.
         """
         if not 0.0 <= duration < np.inf:
             raise ValueError(f"duration: expected a finite number from 0 up, got {duration}")
-        if duration == 0.0 or (self.config.survival == 1.0 and self.config.birth == 0.0):
+        config = self.config
+        if duration == 0.0 or (config.survival == 1.0 and config.birth == 0.0 and config.spawning == 0.0):
             return state
-        survival = self.config.survival**duration
+        survival = config.survival**duration
+        spawned = np.exp(config.spawning * duration)
         return replace(
             state,
-            weights=state.weights * survival,
-            undetected=state.undetected.later(survival, self.config.birth * duration),
+            # Stray particles, in no cluster, bring forth nothing: they would grow into targets of their own.
+            weights=state.weights * np.where(state.labels >= 0, survival * spawned, survival),
+            undetected=state.undetected.later(survival, config.birth * duration),
         )
 
     def update(
@@ -121,17 +130,22 @@ class SmcPhd:
         state = self._resampled_if_due(state, rng)
         look = sensor.look(state.positions, pose, measurements)
         prior = state.undetected
-        if len(measurements) == 0:
-            weights, _ = corrected(state.weights, look)
-            return replace(state, weights=weights, undetected=prior.after(sensor, pose))
-        explained = explanations(prior, sensor, pose, measurements)
-        _, alone = corrected(state.weights, look)
-        fresh = np.where(explained.totals > _SHARE * alone, explained.totals, 0.0)
-        weights, denominators = corrected(state.weights, look, fresh)
-        state = replace(state, weights=weights, undetected=prior.after(sensor, pose))
+        known = explained(state.weights, look)
+        new = explanations(prior, sensor, pose, measurements)
+        denominators = look.clutter + known
+        fresh = np.where(
+            (new.totals > _PLAIN * known) & (new.totals > _TRACE * denominators), new.totals, 0.0
+        )
+        denominators += fresh
+        state = replace(
+            state,
+            weights=corrected(state.weights, look, denominators),
+            undetected=prior.after(sensor, pose),
+            reach=_mixed(state.reach, _REACH * new.spread) if len(measurements) else state.reach,
+        )
         if fresh.any():
             masses = np.divide(fresh, denominators, out=np.zeros_like(fresh), where=fresh > 0.0)
-            state = self._joined(state, prior, sensor, pose, measurements, explained, masses, rng)
+            state = self._joined(state, prior, sensor, pose, measurements, new, masses, rng)
         return state
 
     def clusters(self, state: SmcPhdState, rng: np.random.Generator) -> tuple[SmcPhdState, Clusters]:
@@ -199,7 +213,7 @@ class SmcPhd:
         positions, labels = gathered(state.positions, chosen), state.labels[chosen]
         if self.config.jitter > 0.0 and state.centres.shape[1]:
             clusters = int(state.labels.max(initial=-1)) + 1
-            effective = np.array([effective_size(state.weights[state.labels == c]) for c in range(clusters)])
+            effective = effective_sizes(state.weights, state.labels, clusters)
             noise = rng.standard_normal(positions.shape)
             area = state.undetected.area
             jittered(positions, labels, effective, self.config.jitter, noise, area.low, area.high)
@@ -212,19 +226,21 @@ class SmcPhd:
         sensor: SensorModel,
         pose: FloatArray,
         measurements: FloatArray,
-        explained: Explanations,
+        new: Explanations,
         masses: FloatArray,
         rng: np.random.Generator,
     ) -> SmcPhdState:
         """The state with what the measurements show of the undetected intensity."""
         counts = np.ceil(masses * max(50, self.config.particles // 20)).astype(np.int64)
-        points, weights = detected(prior, sensor, pose, measurements, explained, masses, counts, rng)
-        spread = np.linalg.eigvalsh(sensor.location_covariance(measurements, pose))[:, -1]
-        reach = _REACH * float(np.sqrt(spread @ masses / masses.sum()))
+        points, weights = detected(prior, sensor, pose, measurements, new, masses, counts, rng)
         return replace(
             state,
             positions=np.concatenate([state.positions, points], axis=1),
             weights=np.concatenate([state.weights, weights]),
             labels=np.concatenate([state.labels, np.full(weights.size, -1)]),
-            reach=reach if state.reach == 0.0 else 0.9 * state.reach + 0.1 * reach,
         )
+
+
+def _mixed(old: float, new: float) -> float:
+    """A running mean with a memory of ten sets; 0 is no memory yet."""
+    return 0.9 * old + 0.1 * new if old > 0.0 else new

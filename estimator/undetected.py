@@ -8,6 +8,7 @@ intensity that the paper has, nothing is added to it.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 from math import pi
 
 import numpy as np
@@ -17,7 +18,7 @@ from estimator.exploration import undetected
 from estimator.filter import Area
 from estimator.grid import interpolate, node_volumes, nodes
 from estimator.kernels import kernel
-from estimator.sensor import Look, SensorModel
+from estimator.sensor import SensorModel
 
 _SPREAD = (
     1.25  # proposals are this much wider than the measurement's own covariance, so that no tail is missed
@@ -63,9 +64,9 @@ class Undetected:
 
     def at(self, points: FloatArray) -> FloatArray:
         """The intensity at points (d, n), 0 outside the area."""
-        low, high = self.area.low[:, None], self.area.high[:, None]
-        inside = ((points >= low) & (points <= high)).all(axis=0)
-        return np.where(inside, interpolate(self.values, self.area.low, self.area.high, points), 0.0)
+        values = interpolate(self.values, self.area.low, self.area.high, points)
+        _zero_outside(points, self.area.low, self.area.high, values)
+        return values
 
     def later(self, survival: float, births: float) -> "Undetected":
         """After survival with a probability and `births` expected new targets, (MA)ASI (12)."""
@@ -87,6 +88,7 @@ class Explanations:
     factors: FloatArray  # (m, d, d) Cholesky factors of the proposals' covariances
     probes: FloatArray  # (d, m * k) proposals already evaluated, k of each measurement in turn
     shares: FloatArray  # (m * k,) what each contributes to its e_j
+    spread: float  # metres, root mean square distance of the measurements' locations from the truth
 
 
 def explanations(
@@ -95,16 +97,20 @@ def explanations(
     """Importance sampling of e_j around where each measurement (m, s) points, with fixed points."""
     d, m = sensor.dimension, len(measurements)
     centres = sensor.locate(measurements, pose)
-    factors = np.asarray(
-        _SPREAD * np.linalg.cholesky(sensor.location_covariance(measurements, pose)), dtype=np.float64
-    )
-    unit = _PROBE_SETS[d]
-    k = unit.shape[1]
-    owners = np.repeat(np.arange(m), k)
-    units = np.tile(unit, m)
+    factors = _SPREAD**2 * np.ascontiguousarray(sensor.location_covariance(measurements, pose))
+    spread = np.sqrt(_factorised(factors)) / _SPREAD
+    units, owners = _PROBE_SETS[d], _owners(m, 2 * _PROBES)
     probes, shares = _evaluated(prior, sensor, pose, measurements, centres, factors, owners, units)
-    shares /= k
-    return Explanations(shares.reshape(m, k).sum(axis=1), centres, factors, probes, shares)
+    shares /= 2 * _PROBES
+    totals = shares.reshape(m, 2 * _PROBES).sum(axis=1)
+    return Explanations(totals, centres, factors, probes, shares, float(spread))
+
+
+@lru_cache(maxsize=256)
+def _owners(count: int, each: int) -> IntArray:
+    owners = np.repeat(np.arange(count), each)
+    owners.flags.writeable = False
+    return owners
 
 
 def detected(
@@ -151,13 +157,41 @@ def _evaluated(
     owners: IntArray,
     units: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """Proposals (d, b) centre + factor unit, and p_D g v / q there, each for its own measurement (b,)."""
-    points = np.empty_like(units)
-    inverse_densities = np.empty(owners.size)
-    _propose(centres, factors, owners, units, points, inverse_densities)
+    """Proposals (d, b), b = owners.size, and p_D g v / q there, each for its own measurement (b,).
+
+    A proposal is its measurement's centre + factor unit; units (d, k) are taken again and again.
+    """
+    points = np.empty((units.shape[0], owners.size))
+    shares = np.empty(owners.size)
+    _propose(centres, factors, owners, units, points, shares)
     look = sensor.look(points, pose, measurements)
-    own = _own_likelihood(look, owners)
-    return points, look.detection * own * prior.at(points) * inverse_densities
+    shares *= prior.at(points)
+    own = np.zeros(owners.size)
+    _pick(look.offsets, look.indices, look.likelihood, look.detection, owners, own)
+    return points, shares * own
+
+
+@kernel
+def _factorised(matrices: FloatArray) -> float:
+    """Cholesky factors (m, d, d) in place of covariances; the mean of the covariances' traces.
+
+    A direction without spread stays without.
+    """
+    m, d = matrices.shape[0], matrices.shape[1]
+    trace = 0.0
+    for j in range(m):
+        for a in range(d):
+            trace += matrices[j, a, a]
+            for b in range(a + 1):
+                value = matrices[j, a, b]
+                for k in range(b):
+                    value -= matrices[j, a, k] * matrices[j, b, k]
+                if a == b:
+                    matrices[j, a, a] = np.sqrt(max(value, 0.0))
+                else:
+                    matrices[j, a, b] = value / matrices[j, b, b] if matrices[j, b, b] > 0.0 else 0.0
+                    matrices[j, b, a] = 0.0
+    return float(trace / max(m, 1))
 
 
 @kernel
@@ -176,29 +210,38 @@ def _propose(
         for a in range(d):
             volume[j] *= factors[j, a, a]
     for k in range(owners.size):
-        j = owners[k]
+        j, u = owners[k], k % units.shape[1]
         square = 0.0
         for a in range(d):
             x = centres[a, j]
             for b in range(a + 1):
-                x += factors[j, a, b] * units[b, k]
+                x += factors[j, a, b] * units[b, u]
             points[a, k] = x
-            square += units[a, k] * units[a, k]
+            square += units[a, u] * units[a, u]
         inverse_densities[k] = volume[j] * np.exp(0.5 * square)
-
-
-def _own_likelihood(look: Look, owners: IntArray) -> FloatArray:
-    """g of each point (b,) for the measurement that proposed it."""
-    own = np.zeros(owners.size)
-    _pick(look.offsets, look.indices, look.likelihood, owners, own)
-    return own
 
 
 @kernel
 def _pick(
-    offsets: IntArray, indices: IntArray, likelihood: FloatArray, owners: IntArray, own: FloatArray
+    offsets: IntArray,
+    indices: IntArray,
+    likelihood: FloatArray,
+    detection: FloatArray,
+    owners: IntArray,
+    own: FloatArray,
 ) -> None:
+    """p_D g of each point (b,) for the measurement that proposed it."""
     for j in range(offsets.size - 1):
         for k in range(offsets[j], offsets[j + 1]):
             if owners[indices[k]] == j:
-                own[indices[k]] = likelihood[k]
+                own[indices[k]] = detection[indices[k]] * likelihood[k]
+
+
+@kernel
+def _zero_outside(points: FloatArray, low: FloatArray, high: FloatArray, values: FloatArray) -> None:
+    for k in range(values.size):
+        inside = True
+        for a in range(low.size):
+            inside = inside and low[a] <= points[a, k] <= high[a]
+        if not inside:
+            values[k] = 0.0
