@@ -1,0 +1,85 @@
+"""What is already known explains what is seen: teammates and found targets as peaks of the clutter intensity.
+
+A sensor that does not tell its measurements apart also sees what nobody is looking for: the other robots and
+the targets found before. Where these stand is known, so their measurements are expected: each known object
+adds to c(z; q) the density of its own measurement, and a new target there has to explain more than one.
+"""
+
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+
+from estimator.arrays import FloatArray
+from estimator.sensor import Look, SensorModel, checked_points
+
+# Gauss-Hermite of three nodes: exact for polynomials up to degree five of a normal variable.
+_NODES = ((-np.sqrt(3.0), 1.0 / 6.0), (0.0, 2.0 / 3.0), (np.sqrt(3.0), 1.0 / 6.0))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WithKnown:
+    """A sensor model to whose clutter known objects add their measurements.
+
+    An object at x_k is where a normal variable of standard deviation `spread` (m, every axis) around
+    `positions` says, and gives `rates` measurements per set on average, so that
+    c(z; q) grows by sum_k rates_k E[g(z | x; q)]. With a rate of p_D or more, a target hypothesised at the
+    object's place does not gain on what the object explains.
+    """
+
+    sensor: SensorModel
+    positions: FloatArray  # (d, k)
+    spread: FloatArray  # (k,)
+    rates: FloatArray  # (k,)
+
+    @property
+    def dimension(self) -> int:
+        return self.sensor.dimension
+
+    @property
+    def measurement_size(self) -> int:
+        return self.sensor.measurement_size
+
+    def detection(self, points: FloatArray, poses: FloatArray) -> FloatArray:
+        """p_D as the sensor's own."""
+        return self.sensor.detection(points, poses)
+
+    def look(self, points: FloatArray, pose: FloatArray, measurements: FloatArray) -> Look:
+        """The sensor's look, with the known objects in its clutter intensity.
+
+        Raises:
+            ValueError: as the sensor's own, and if positions are not (d, k).
+        """
+        look = self.sensor.look(points, pose, measurements)
+        if self.positions.shape[1] == 0 or look.clutter.size == 0:
+            return look
+        nodes, weights = self._nodes()
+        known = self.sensor.look(nodes, pose, measurements)
+        rows = np.repeat(np.arange(look.clutter.size), np.diff(known.offsets))
+        extra = np.bincount(rows, weights[known.indices] * known.likelihood, minlength=look.clutter.size)
+        return Look(look.detection, look.offsets, look.indices, look.likelihood, look.clutter + extra)
+
+    def locate(self, measurements: FloatArray, pose: FloatArray) -> FloatArray:
+        """As the sensor's own."""
+        return self.sensor.locate(measurements, pose)
+
+    def location_covariance(self, measurements: FloatArray, pose: FloatArray) -> FloatArray:
+        """As the sensor's own."""
+        return self.sensor.location_covariance(measurements, pose)
+
+    def sample(self, targets: FloatArray, pose: FloatArray, rng: np.random.Generator) -> FloatArray:
+        """As the sensor's own: the known objects' measurements are not drawn."""
+        return self.sensor.sample(targets, pose, rng)
+
+    def outline(self, pose: FloatArray) -> FloatArray:
+        """As the sensor's own."""
+        return self.sensor.outline(pose)
+
+    def _nodes(self) -> tuple[FloatArray, FloatArray]:
+        """Points (d, k 3^d) that stand for the objects' positions, and their rates."""
+        d = self.dimension
+        positions = checked_points(self.positions, d)
+        stencil = np.array([[node for node, _ in corner] for corner in product(_NODES, repeat=d)])
+        shares = np.array([np.prod([w for _, w in corner]) for corner in product(_NODES, repeat=d)])
+        nodes = positions[:, :, None] + self.spread[None, :, None] * stencil.T[:, None, :]
+        return np.ascontiguousarray(nodes.reshape(d, -1)), np.outer(self.rates, shares).ravel()
