@@ -51,13 +51,16 @@ class Track:
     """Where one robot was, from the motion capture."""
 
     times: FloatArray  # (n,) team time, ascending
-    poses: FloatArray  # (n, 3) x, y in metres, yaw in radians without jumps
+    poses: FloatArray  # (3, n) x, y in metres, yaw in radians without jumps
     stride_times: FloatArray  # (k,)
     travelled: FloatArray  # (k,) metres since the start
 
     def pose(self, time: float) -> FloatArray:
         """(4,) at a team time; before the start and after the end the robot stands."""
-        x, y, yaw = (float(np.interp(time, self.times, self.poses[:, i])) for i in range(3))
+        after = int(np.clip(np.searchsorted(self.times, time), 1, self.times.size - 1))
+        begin, end = self.times[after - 1], self.times[after]
+        share = float(np.clip((time - begin) / (end - begin), 0.0, 1.0))
+        x, y, yaw = (1.0 - share) * self.poses[:, after - 1] + share * self.poses[:, after]
         return np.array([x, y, 0.0, np.arctan2(np.sin(yaw), np.cos(yaw))])
 
     def velocity(self, time: float, window: float = 0.25) -> FloatArray:
@@ -126,10 +129,10 @@ def read_track(directory: Path, robot: int) -> Track:
     """
     zero = start_time(directory)
     table = _table(directory / f"Robot{robot}_Groundtruth.dat", 4)
-    times, poses = table[:, 0] - zero, table[:, 1:].copy()
-    poses[:, 2] = np.unwrap(poses[:, 2])
+    times, poses = table[:, 0] - zero, np.ascontiguousarray(table[:, 1:].T)
+    poses[2] = np.unwrap(poses[2])
     strides = np.append(np.arange(times[0], times[-1], _STRIDE_S), times[-1])
-    steps = [np.diff(np.interp(strides, times, poses[:, i])) for i in range(2)]
+    steps = [np.diff(np.interp(strides, times, poses[i])) for i in range(2)]
     travelled = np.append(0.0, np.cumsum(np.hypot(*steps)))
     return Track(times, poses, strides, travelled)
 
