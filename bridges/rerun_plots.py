@@ -1,0 +1,62 @@
+"""The view's numbers: latencies of the last seconds, and the text beside the map."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from agents.histogram import Histogram
+from agents.messages import HealthMessage, PosteriorMessage
+from agents.mission import Mission
+from bridges.rerun_blueprint import LATENESS_PLOT, POSTERIOR_PLOT
+from estimator.arrays import IntArray
+
+PERIOD_S = 5.0  # team seconds that one point of a latency plot covers
+PLOTTED = {"capture_to_posterior_ms": POSTERIOR_PLOT, "measure_clock_lateness_ms": LATENESS_PLOT}
+
+
+class Latencies:
+    """Turns counts that only grow, of every process, into percentiles of what came since the last point."""
+
+    def __init__(self) -> None:
+        self._last: dict[tuple[str, str, str], IntArray] = {}  # name, sender, boot
+        self._fresh = {name: Histogram() for name in PLOTTED}
+        self._due = -np.inf
+
+    def hear(self, message: HealthMessage) -> None:
+        """Take in one process's histograms."""
+        for name in PLOTTED:
+            counts = message.histograms.get(name)
+            if counts is None:
+                continue
+            stream = (name, message.sender, message.boot)
+            grown = np.maximum(counts - self._last.get(stream, np.zeros_like(counts)), 0)
+            self._last[stream] = counts
+            self._fresh[name] = self._fresh[name].merge(Histogram.of(grown))
+
+    def due(self, now: float) -> Iterator[tuple[str, list[float]]]:
+        """The plots that have a new point, with p50 and p99 in milliseconds."""
+        if now < self._due:
+            return
+        self._due = now + PERIOD_S
+        for name, path in PLOTTED.items():
+            p50, p99 = self._fresh[name].percentile(50.0), self._fresh[name].percentile(99.0)
+            if p50 is not None and p99 is not None:
+                self._fresh[name] = Histogram()
+                yield path, [p50, p99]
+
+
+def summary_text(mission: Mission, posterior: PosteriorMessage, total: int | None, now: float) -> str:
+    """The found targets as Markdown, the newest first."""
+    count = posterior.found.shape[1]
+    of = "" if total is None else f" of {total}"
+    lines = [
+        f"**{count}{of} found** after {now:.0f} s, expected {posterior.expected_cardinality:.1f}, "
+        f"{posterior.applied} measurement sets",
+        "",
+    ]
+    if count:
+        lines += ["| # | found at | position (m) |", "| ---: | ---: | :--- |"]
+        for index in range(count - 1, -1, -1):
+            place = ", ".join(f"{value:.1f}" for value in posterior.found[:, index])
+            lines.append(f"| {index + 1} | {posterior.found_times[index]:.0f} s | {place} |")
+    return "\n".join(lines)
