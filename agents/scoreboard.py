@@ -1,4 +1,4 @@
-"""The scoreboard: what a run came to, from what the team said and what was true. The same for both drivers."""
+"""The scoreboard: what a run came to, from what the team said and what was true. The same in both drivers."""
 
 from collections import Counter
 from collections.abc import Mapping

@@ -14,6 +14,7 @@ from agents.errors import MissionError
 from agents.mission import Mission, RobotTable, start_pose
 from agents.tables import convert
 from estimator.filter import Area, Filter
+from estimator.search import Search
 from estimator.sensor import SensorModel
 from planner.plan import Planner, PlannerSetup, VehicleModel
 
@@ -71,6 +72,18 @@ class Team:
             partial(kind.world, config, area),
             vehicles,
             sensors,
+        )
+
+    def search(self) -> Search[Any]:
+        """The team's estimate around the mission's filter, with the mission's thresholds."""
+        found = self.mission.found
+        return Search(
+            self.filter,
+            self.area,
+            self.mission.exploration.points,
+            radius=found.radius_m,
+            mass=found.mass,
+            gate=found.gate_m,
         )
 
     def world(self, seed: int) -> World:

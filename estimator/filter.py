@@ -21,7 +21,7 @@ class Clusters:
     means: FloatArray  # (d, c) metres
     covariances: FloatArray  # (c, d, d) m^2
     masses: FloatArray  # (c,) expected number of targets in each
-    radii: FloatArray  # (c,) metres, weighted root mean square distance to the mean
+    radii: FloatArray  # (c,) metres, standard deviation per axis: sqrt(trace(covariance) / d)
 
     @staticmethod
     def none(dimension: int) -> "Clusters":

@@ -18,6 +18,7 @@ import numpy as np
 from estimator.arrays import FloatArray, IntArray
 from estimator.filter import Clusters
 from estimator.kernels import kernel
+from estimator.seeding import seeded
 
 _ITERATIONS = 20
 
@@ -46,7 +47,7 @@ def kmeans(
         raise ValueError("cutoff and least: must be positive")
     d = positions.shape[0]
     centres = np.ascontiguousarray(np.zeros((0, d)) if start is None else start.T)
-    seeds = _seeds(positions, weights, centres, cutoff, least)
+    seeds = seeded(positions, weights, centres, cutoff, least)
     labels = np.empty(weights.size, np.int64)
     if len(seeds) == 0:
         labels.fill(-1)
@@ -60,129 +61,8 @@ def kmeans(
     rank[order] = np.arange(order.size)
     labels = rank[labels]
     covariances = covariances[order]
-    radii = np.sqrt(np.trace(covariances, axis1=1, axis2=2))
+    radii = np.sqrt(np.trace(covariances, axis1=1, axis2=2) / d)
     return Clusters(np.ascontiguousarray(means[order].T), covariances, masses[order], radii), labels
-
-
-@kernel
-def _shifted(
-    positions: FloatArray, weights: FloatArray, free: FloatArray, centre: FloatArray, reach2: float
-) -> float:
-    """Move `centre` (d,) to the mean of the free mass within sqrt(reach2) of it; that mass."""
-    d, n = positions.shape
-    mass, sx, sy, sz = 0.0, 0.0, 0.0, 0.0
-    x, y = centre[0], centre[1]
-    px, py = positions[0], positions[1]
-    if d == 2:
-        for i in range(n):
-            dx, dy = px[i] - x, py[i] - y
-            w = weights[i] * free[i] if dx * dx + dy * dy <= reach2 else 0.0
-            mass += w
-            sx += w * dx
-            sy += w * dy
-    else:
-        z, pz = centre[2], positions[2]
-        for i in range(n):
-            dx, dy, dz = px[i] - x, py[i] - y, pz[i] - z
-            w = weights[i] * free[i] if dx * dx + dy * dy + dz * dz <= reach2 else 0.0
-            mass += w
-            sx += w * dx
-            sy += w * dy
-            sz += w * dz
-    if mass > 0.0:
-        centre[0] += sx / mass
-        centre[1] += sy / mass
-        if d == 3:
-            centre[2] += sz / mass
-    return mass
-
-
-@kernel
-def _cover(positions: FloatArray, centre: FloatArray, reach2: float, free: FloatArray) -> None:
-    """Set free[i] to 0 within sqrt(reach2) of centre."""
-    d, n = positions.shape
-    for i in range(n):
-        far = 0.0
-        for a in range(d):
-            far += (positions[a, i] - centre[a]) ** 2
-        if far <= reach2:
-            free[i] = 0.0
-
-
-@kernel
-def _heavy_cells(positions: FloatArray, weights: FloatArray, side: float, least: float) -> FloatArray:
-    """Mean positions (k, d) of the cells of a grid that hold at least `least`, by falling mass."""
-    d, n = positions.shape
-    size = 16
-    while size < 2 * n:
-        size *= 2
-    keys = np.full(size, -1, np.int64)  # open addressing; a cell's key is the first particle in it
-    mass = np.zeros(size)
-    sums = np.zeros((size, d))
-    inverse = 1.0 / side
-    cell = np.empty(d, np.int64)
-    for i in range(n):
-        if weights[i] <= 0.0:
-            continue
-        code = 0
-        for a in range(d):
-            cell[a] = int(np.floor(positions[a, i] * inverse))
-            code = code * 1000003 + cell[a]
-        slot = ((code * 2654435761) >> 7) & (size - 1)
-        while keys[slot] >= 0:
-            same = True
-            for a in range(d):
-                same = same and int(np.floor(positions[a, keys[slot]] * inverse)) == cell[a]
-            if same:
-                break
-            slot = (slot + 1) & (size - 1)
-        if keys[slot] < 0:
-            keys[slot] = i
-        mass[slot] += weights[i]
-        for a in range(d):
-            sums[slot, a] += weights[i] * positions[a, i]
-    heavy = np.flatnonzero((mass >= least) & (mass > 0.0))
-    heavy = heavy[np.argsort(-mass[heavy], kind="mergesort")]
-    means = np.empty((heavy.size, d))
-    for k in range(heavy.size):
-        for a in range(d):
-            means[k, a] = sums[heavy[k], a] / mass[heavy[k]]
-    return means
-
-
-@kernel
-def _seeds(
-    positions: FloatArray, weights: FloatArray, start: FloatArray, cutoff: float, least: float
-) -> FloatArray:
-    """Starting centres (k, d): step 1 of the module."""
-    d, n = positions.shape
-    reach2 = cutoff * cutoff
-    # a cluster of `least` mass within the cut-off's radius touches at most 2^d cells of that side
-    cells = _heavy_cells(positions, weights, cutoff, least / 2.0**d)
-    free = np.ones(n)
-    seeds = np.empty((start.shape[0] + cells.shape[0], d))
-    count = 0
-    for k in range(start.shape[0] + cells.shape[0]):
-        warm = k < start.shape[0]
-        centre = start[k].copy() if warm else cells[k - start.shape[0]].copy()
-        if not warm:
-            taken = False
-            for j in range(count):
-                far = 0.0
-                for a in range(d):
-                    far += (seeds[j, a] - centre[a]) ** 2
-                taken = taken or far <= reach2
-            if taken:
-                continue
-        mass = _shifted(positions, weights, free, centre, reach2)
-        if mass >= least:
-            mass = _shifted(positions, weights, free, centre, reach2)
-        if mass < least:
-            continue
-        _cover(positions, centre, reach2, free)
-        seeds[count] = centre
-        count += 1
-    return seeds[:count].copy()
 
 
 @kernel
@@ -331,7 +211,7 @@ def _split(
     """Give label `fresh` to one half of the members if their 2-means halves are separate."""
     d, n = positions.shape[0], members.size
     own = np.zeros(n, np.int64)
-    x, w = np.empty((d, n)), np.empty(n)
+    x, w, along = np.empty((d, n)), np.empty(n), np.empty(n)
     for k in range(n):
         w[k] = weights[members[k]]
         for a in range(d):
@@ -346,22 +226,28 @@ def _split(
         if length == 0.0:
             return False
         axis /= length
-    centre = means[0].copy()
     for k in range(n):
-        along = 0.0
+        along[k] = 0.0
         for a in range(d):
-            along += (x[a, k] - centre[a]) * axis[a]
-        own[k] = 1 if along > 0.0 else 0
+            along[k] += (x[a, k] - means[0, a]) * axis[a]
+    if _halves_apart(along, w) < 0.5 * limit:  # a normal peak has 3.5; no need to look closer
+        return False
+    for k in range(n):
+        own[k] = 1 if along[k] > 0.0 else 0
     for _ in range(_ITERATIONS):
-        means, covariances, masses = _moments(x, w, own, 2)
-        if masses[0] < least or masses[1] < least:
+        sums, totals = np.zeros((2, d)), np.zeros(2)
+        for k in range(n):
+            totals[own[k]] += w[k]
+            for a in range(d):
+                sums[own[k], a] += w[k] * x[a, k]
+        if totals[0] < least or totals[1] < least:
             return False
         changed = 0
         for k in range(n):
             near, far = 0.0, 0.0
             for a in range(d):
-                near += (x[a, k] - means[0, a]) ** 2
-                far += (x[a, k] - means[1, a]) ** 2
+                near += (x[a, k] - sums[0, a] / totals[0]) ** 2
+                far += (x[a, k] - sums[1, a] / totals[1]) ** 2
             side = 1 if far < near else 0
             changed += side != own[k]
             own[k] = side
@@ -376,3 +262,19 @@ def _split(
         if own[k] == 1:
             labels[members[k]] = fresh
     return True
+
+
+@kernel
+def _halves_apart(along: FloatArray, weights: FloatArray) -> float:
+    """`_apart` of the numbers `along` (n,) above 0 and below, in one dimension."""
+    mass, first, second = np.zeros(2), np.zeros(2), np.zeros(2)
+    for k in range(along.size):
+        side = 1 if along[k] > 0.0 else 0
+        mass[side] += weights[k]
+        first[side] += weights[k] * along[k]
+        second[side] += weights[k] * along[k] * along[k]
+    if mass[0] <= 0.0 or mass[1] <= 0.0:
+        return 0.0
+    low, high = first[0] / mass[0], first[1] / mass[1]
+    variance = second[0] / mass[0] - low * low + second[1] / mass[1] - high * high
+    return (high - low) ** 2 / variance if variance > 0.0 else np.inf

@@ -13,7 +13,9 @@ import numpy as np
 from estimator.arrays import BoolArray, FloatArray, IntArray
 from estimator.exploration import Exploration
 from estimator.filter import Area, Clusters, Filter
+from estimator.known import WithKnown
 from estimator.sensor import SensorModel, checked_poses, validated
+from estimator.teammates import Poses, Teammates
 
 State = TypeVar("State")
 
@@ -32,6 +34,7 @@ class SearchState(Generic[State]):
     found_times: FloatArray  # (f,) s, when each was found
     exploration: Exploration
     sets: int  # applied so far
+    poses: Poses  # of each robot's last set, if teammates are expected to be seen
 
 
 class Search(Generic[State]):
@@ -46,16 +49,19 @@ class Search(Generic[State]):
         radius: float,
         mass: float,
         gate: float,
+        teammates: Teammates | None = None,
     ) -> None:
         """`radius` T_r (m), `mass` T_m (targets) and `gate` T_z (m) of section 3.3.
 
-        A cluster of smaller radius and greater mass is a found target.
+        A cluster of smaller radius and greater mass is a found target. With `teammates`, robots expect to see
+        each other.
         """
         self.filter = filter
         self.area = area
         self.radius = radius
         self.threshold = mass
         self.gate = gate
+        self.teammates = teammates
         self._unexplored = Exploration.unexplored(area, tuple(exploration_points))
 
     def __repr__(self) -> str:
@@ -73,6 +79,7 @@ class Search(Generic[State]):
             found_times=np.zeros(0),
             exploration=self._unexplored,
             sets=0,
+            poses=self.teammates.starts if self.teammates else {},
         )
 
     def apply(
@@ -83,10 +90,12 @@ class Search(Generic[State]):
         measurements: FloatArray,
         capture_time: float,
         rng: np.random.Generator,
+        robot: str = "",
     ) -> SearchState[State]:
         """The estimate after one more set (m, s), taken by `sensor` at pose (4,) and time `capture_time`.
 
-        A set older than the newest is applied as if it were taken with it.
+        A set older than the newest is applied as if it were taken with it. `robot` says whose set it is, which
+        matters only where teammates are expected.
 
         Raises:
             ValueError: if an argument has a wrong shape or is not finite; names it.
@@ -95,7 +104,18 @@ class Search(Generic[State]):
             raise ValueError(f"capture_time: must be finite, got {capture_time}")
         pose = checked_poses(pose)[0]
         measurements = validated(measurements, sensor.measurement_size)
-        state, measurements = self._without_found(state, sensor, pose, measurements)
+        if self.teammates is not None:
+            if capture_time >= state.time:
+                state = replace(state, poses={**state.poses, robot: pose})
+            if len(measurements):
+                sensor = self.teammates.expected_by(robot, sensor, state.poses)
+        state, measurements, silent = self._without_found(state, sensor, pose, measurements)
+        if len(measurements) and silent.any():
+            # A found target makes one measurement at most. Where none was near enough to be taken for it, it
+            # may still be the source of one further away, which then is no news of another target.
+            places = np.ascontiguousarray(state.found[:, silent])
+            spreads = np.sqrt(np.trace(state.found_covariances[silent], axis1=1, axis2=2) / len(places))
+            sensor = WithKnown(sensor, places, spreads, sensor.detection(places, pose[None, :])[0])
         now = max(capture_time, state.time)
         inner = self.filter.predict(state.filter_state, now - state.time, rng)
         inner = self.filter.update(inner, sensor, pose, measurements, rng)
@@ -120,14 +140,19 @@ class Search(Generic[State]):
 
     def _without_found(
         self, state: SearchState[State], sensor: SensorModel, pose: FloatArray, measurements: FloatArray
-    ) -> tuple[SearchState[State], FloatArray]:
-        """Take from each found target the closest measurement within T_z, and refine the target with it."""
+    ) -> tuple[SearchState[State], FloatArray, BoolArray]:
+        """Take from each found target the closest measurement within T_z, and refine the target with it.
+
+        The state, the measurements left, and which found targets (f,) had none near.
+        """
+        silent = np.ones(state.found.shape[1], dtype=np.bool_)
         if state.found.shape[1] == 0 or len(measurements) == 0:
-            return state, measurements
+            return state, measurements, silent
         places = sensor.locate(measurements, pose)
         targets, taken = _closest(state.found, places, self.gate)
         if taken.size == 0:
-            return state, measurements
+            return state, measurements, silent
+        silent[targets] = False
         spreads = sensor.location_covariance(measurements, pose)
         found, covariances = state.found.copy(), state.found_covariances.copy()
         for i, j in zip(targets, taken, strict=True):
@@ -138,7 +163,7 @@ class Search(Generic[State]):
                 rest = covariances[i] - gain @ covariances[i]
                 covariances[i] = 0.5 * (rest + rest.T)
         left = np.delete(measurements, taken, axis=0)
-        return replace(state, found=found, found_covariances=covariances), left
+        return replace(state, found=found, found_covariances=covariances), left, silent
 
     def _with_new_found(self, state: SearchState[State]) -> SearchState[State]:
         """Mark and remove clusters that are narrow and heavy enough."""
