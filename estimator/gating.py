@@ -235,7 +235,11 @@ def _densities_3d(
     """As `_densities_2d`, with the elevation."""
     px, py, pz = points[0], points[1], points[2]
     off, ahead, aside, along, rise = buffer[0], buffer[1], buffer[2], buffer[3], buffer[4]
-    cosine, sine, up_cosine, up_sine = np.cos(z[1]), np.sin(z[1]), np.cos(z[2]), np.sin(z[2])
+    width, half, up_half = gate * sigmas[0], gate * sigmas[1], gate * sigmas[2]
+    narrow = half <= _SMALL and up_half <= _SMALL
+    cosine, sine = np.cos(z[1]), np.sin(z[1])
+    # wide gates: `rise` and `along` are of the elevation itself, which does not wrap
+    up_cosine, up_sine = (np.cos(z[2]), np.sin(z[2])) if narrow else (1.0, 0.0)
     for k in range(block.size):
         i = block[k]
         dx, dy, dz = px[i] - pose[0], py[i] - pose[1], pz[i] - pose[2]
@@ -250,11 +254,10 @@ def _densities_3d(
         aside[k] = (cosine * dy - sine * dx) * inverse
         along[k] = ce * up_cosine + se * up_sine
         rise[k] = se * up_cosine - ce * up_sine
-    width, half, up_half = gate * sigmas[0], gate * sigmas[1], gate * sigmas[2]
     limit, up_limit = np.sin(min(half, 1.0)), np.sin(min(up_half, 1.0))
     weight_r, weight_b, weight_e = 0.5 / sigmas[0] ** 2, 0.5 / sigmas[1] ** 2, 0.5 / sigmas[2] ** 2
     norm = 1.0 / ((2.0 * np.pi) ** 1.5 * sigmas[0] * sigmas[1] * sigmas[2])
-    if half <= _SMALL and up_half <= _SMALL:
+    if narrow:
         for k in range(block.size):
             turn, climb = _arcsine(aside[k]), _arcsine(rise[k])
             exponent = weight_r * off[k] * off[k] + weight_b * turn * turn + weight_e * climb * climb
@@ -265,7 +268,7 @@ def _densities_3d(
     else:
         for k in range(block.size):
             turn = np.arctan2(aside[k], ahead[k])
-            climb = np.arctan2(rise[k], along[k])
+            climb = np.arctan2(rise[k], along[k]) - z[2]
             exponent = weight_r * off[k] * off[k] + weight_b * turn * turn + weight_e * climb * climb
             value = norm * exp_negative(-exponent)
             inside = (abs(off[k]) <= width) & (abs(turn) <= half) & (abs(climb) <= up_half)

@@ -1,0 +1,85 @@
+"""Detection probabilities of the fields of view."""
+
+import numpy as np
+import pytest
+
+from estimator.field_of_view import FieldOfView
+
+RNG = np.random.default_rng(0)
+POSES = np.array([[1.0, 2.0, 3.0, 0.4], [-4.0, 0.0, 1.0, -2.5]])
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_exponential_field_is_equation_3(d: int) -> None:
+    reach = np.array([5.0, 7.0, 9.0])[:d]
+    points = RNG.uniform(-20, 20, (d, 300))
+    zeta = (points[None] - POSES[:, :d, None]) / reach[:, None]
+    expected = 0.9 * np.exp(-np.linalg.norm(zeta, axis=1) / 2)
+    assert np.allclose(
+        FieldOfView(d, "exponential", 0.9, reach).detection(points, POSES), expected, rtol=1e-11
+    )
+
+
+@pytest.mark.parametrize("turns", [False, True])
+def test_box_field_is_equations_25_and_34(turns: bool) -> None:
+    field = FieldOfView(2, "box", 1.0, np.array([-0.1, 0.2, -0.1, 0.2]), turns)
+    points = RNG.uniform(-1, 1, (2, 500)) * 0.4 + POSES[1, :2, None]
+    yaw = POSES[1, 3] if turns else 0.0
+    back = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
+    local = back @ (points - POSES[1, :2, None])
+    expected = ((local >= -0.1) & (local <= 0.2)).all(axis=0)
+    assert np.array_equal(field.detection(points, POSES)[1], expected.astype(float))
+
+
+def test_the_edge_of_a_box_belongs_to_it() -> None:
+    field = FieldOfView(2, "box", 1.0, np.array([-1.0, 1.0, -1.0, 1.0]))
+    assert field.detection(np.array([[1.0], [-1.0]]), np.zeros((1, 4)))[0, 0] == 1.0
+
+
+def test_sector_looks_along_yaw_and_across_the_seam_of_angles() -> None:
+    field = FieldOfView(2, "sector", 0.8, np.array([1.0, 5.0, np.radians(60.0)]))
+    pose = np.array([[0.0, 0.0, 0.0, np.pi - 0.1]])
+    bearings = np.pi - 0.1 + np.radians([0.0, 29.0, -29.0, 31.0, -31.0])
+    seen = field.detection(3.0 * np.stack([np.cos(bearings), np.sin(bearings)]), pose)[0]
+    assert seen.tolist() == [0.8, 0.8, 0.8, 0.0, 0.0]
+    near_and_far = field.detection(np.array([[-0.5, -6.0], [0.0, 0.0]]), pose)[0]
+    assert near_and_far.tolist() == [0.0, 0.0]
+
+
+def test_a_table_over_range_is_linear_between_its_breaks() -> None:
+    breaks, gains = np.array([1.0, 3.0, 4.0]), np.array([0.5, 1.0, 0.2])
+    field = FieldOfView(2, "sector", 0.8, np.array([0.0, 9.0, 2 * np.pi]), False, breaks, gains)
+    ranges = np.array([0.0, 0.5, 1.0, 2.0, 3.5, 4.0, 8.0])
+    seen = field.detection(np.stack([ranges, 0 * ranges]), np.zeros(4))[0]
+    assert np.allclose(seen, 0.8 * np.interp(ranges, breaks, gains))
+
+
+def test_heights_do_not_matter_in_two_dimensions() -> None:
+    field = FieldOfView(2, "exponential", 0.9, np.array([5.0, 5.0]))
+    points = RNG.uniform(-5, 5, (2, 10))
+    high = POSES + np.array([0.0, 0.0, 100.0, 0.0])
+    assert np.array_equal(field.detection(points, POSES), field.detection(points, high))
+
+
+@pytest.mark.parametrize("shape", ["exponential", "box", "sector"])
+def test_outlines_are_closed_and_inside_the_field(shape: str) -> None:
+    size = {"exponential": [3.0, 3.0], "box": [-1.0, 2.0, -1.0, 1.0], "sector": [0.5, 3.0, 1.0]}[shape]
+    field = FieldOfView(2, shape, 1.0, np.array(size), True)  # type: ignore[arg-type]
+    outline = field.outline(POSES[0])
+    assert np.allclose(outline[0], outline[-1])
+    inward = POSES[0, :3] + np.array([np.cos(0.4), np.sin(0.4), 0.0])  # one metre ahead, inside each
+    inside = inward + (outline - inward) * (1 - 1e-9)
+    assert (field.detection(inside[:, :2].T, POSES[0])[0] > 0.3).mean() > 0.5
+
+
+@pytest.mark.parametrize(
+    ("points", "poses", "name"),
+    [
+        (np.zeros((3, 4)), np.zeros(4), "points"),
+        (np.zeros((2, 4)), np.zeros(3), "pose"),
+        (np.zeros((2, 4)), np.array([0.0, np.nan, 0.0, 0.0]), "pose"),
+    ],
+)
+def test_bad_input_is_refused_by_name(points: np.ndarray, poses: np.ndarray, name: str) -> None:
+    with pytest.raises(ValueError, match=name):
+        FieldOfView(2, "exponential", 1.0, np.ones(2)).detection(points, poses)
