@@ -9,9 +9,9 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
-from estimator.search import Search, SearchState
 
 from agents.machine import Action, Event, Heard, Publish, Stamp, Store
 from agents.messages import EventMessage, MeasurementSetMessage, PictureMessage, PosteriorMessage
@@ -20,6 +20,7 @@ from agents.seeds import generator
 from agents.timeline import Arrival, Timeline
 from agents.topics import EVENT, PICTURE, POSTERIOR
 from agents.watermark import Applied
+from estimator.search import Search, SearchState
 from estimator.sensor import SensorModel
 
 PICTURE_POINTS = 1500  # of the thinned intensity
@@ -32,7 +33,7 @@ class FusionSetup:
     mission: Mission
     id: str
     boot: str
-    search: Search
+    search: Search[Any]
     sensors: Mapping[str, SensorModel]
 
 
@@ -49,7 +50,7 @@ class Fusion:
         self._search = setup.search
         self._sensors = setup.sensors
         self._seed = seed
-        self._timeline: Timeline[SearchState, MeasurementSetMessage] = Timeline(
+        self._timeline: Timeline[SearchState[Any], MeasurementSetMessage] = Timeline(
             setup.search.init(generator(seed, "fusion", "prior")),
             partial(_apply, setup.search, setup.sensors, seed),
             mission.fusion.rollback_s,
@@ -62,7 +63,7 @@ class Fusion:
         return f"Fusion({self.id}, applied={self._sets}, found={self._found}, {dict(self.counters)})"
 
     @property
-    def search_state(self) -> SearchState:
+    def search_state(self) -> SearchState[Any]:
         """The estimate after everything applied."""
         return self._timeline.state
 
@@ -174,12 +175,12 @@ class Fusion:
 
 
 def _apply(
-    search: Search,
+    search: Search[Any],
     sensors: Mapping[str, SensorModel],
     seed: int,
-    state: SearchState,
+    state: SearchState[Any],
     message: MeasurementSetMessage,
-) -> SearchState:
+) -> SearchState[Any]:
     """The estimate after one more set. Same set, same draws: that is what makes replays exact."""
     rng = generator(seed, "fusion", message.sender, message.boot, message.sequence)
     return search.apply(state, sensors[message.sender], message.pose, message.measurements, message.time, rng)

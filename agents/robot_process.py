@@ -17,7 +17,7 @@ from agents.robot import Robot, RobotSetup
 from agents.shell import HEALTH_PERIOD_S, Shell, run_until_done
 from agents.team import Team
 from agents.topics import HEALTH, PICTURE, PLAN, POSE, POSTERIOR, SET
-from planner.plan import Plan, Planner, PlanProblem, TeamPlanner
+from planner.plan import Plan, PlanProblem, TeamPlanner
 
 
 def run(mission: Mission, robot_id: str, *, connect: Sequence[str] = ()) -> int:
@@ -36,7 +36,7 @@ def run(mission: Mission, robot_id: str, *, connect: Sequence[str] = ()) -> int:
 
 async def _main(mission: Mission, robot_id: str, connect: Sequence[str]) -> int:
     team = Team.of(mission)
-    if isinstance(team.planner, TeamPlanner) and not isinstance(team.planner, Planner):
+    if isinstance(team.planner, TeamPlanner):
         raise MissionError(f"planner {mission.planner['kind']!r} needs a centre: use searchparty simulate")
     async with Shell(mission, "robot", robot_id, connect) as shell:
         for topic in (POSE, SET, PICTURE, POSTERIOR):

@@ -1,12 +1,12 @@
 """The scoreboard: what a run came to, from what the team said and what was true. The same in both drivers."""
 
+import math
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from estimator.metrics import gospa, matched
 
 from agents.devices import World
 from agents.histogram import Histogram
@@ -14,6 +14,7 @@ from agents.machine import Heard
 from agents.messages import HealthMessage, MeasurementSetMessage, PoseMessage, PosteriorMessage
 from agents.mission import Mission
 from estimator.arrays import FloatArray
+from estimator.metrics import gospa, matched
 
 COUNTS = ("published", "received", "rejected", "lost", "duplicate", "late")
 
@@ -91,18 +92,18 @@ class Scoreboard:
         if known is not None and known.boot == message.boot and known.time > message.time:
             return
         self._poses[message.sender] = message
+        here = message.pose[:3].tolist()
         for other in self._poses.values():
             age = message.time - other.time
             if other.sender != message.sender and age < 2.0:  # the silent may be anywhere
-                there = other.pose[:3] + other.velocity * age
-                distance = float(np.linalg.norm(message.pose[:3] - there))
-                self._separation = min(self._separation, distance)
+                there = (other.pose[:3] + other.velocity * age).tolist()
+                self._separation = min(self._separation, math.dist(here, there))
 
     def _histogram(self, name: str) -> Histogram:
         total = Histogram()
         for message in self._health.values():
             if name in message.histograms:
-                total.merge(Histogram.of(message.histograms[name]))
+                total = total.merge(Histogram.of(message.histograms[name]))
         return total
 
     def _messages(self) -> dict[str, int]:

@@ -48,7 +48,7 @@ class Shell:
         self.stamp = Stamp(mission.team, name, self.boot)
         self.mailbox = Mailbox(mission.team, self.log)
         self.clock: Clock = TeamClock(time.time())
-        self.stopping = False
+        self._stopping = False
         self.wake = asyncio.Event()
         self._loop = asyncio.get_running_loop()
         self._told: list[Event] = []
@@ -61,7 +61,7 @@ class Shell:
 
     async def __aenter__(self) -> "Shell":
         sys.setswitchinterval(SWITCH_INTERVAL_S)
-        lifeline.hold()
+        lifeline.start()
         for number in (signal.SIGTERM, signal.SIGINT):
             self._loop.add_signal_handler(number, self.stop)
         self.transport.open(Peer(self.role, self.name, self.boot), self._wake_from_any_thread)
@@ -70,9 +70,14 @@ class Shell:
     async def __aexit__(self, *exc: object) -> None:
         self.transport.close()
 
+    @property
+    def stopping(self) -> bool:
+        """Whether this process was told to end."""
+        return self._stopping
+
     def stop(self) -> None:
         """End soon; the signal handlers call this."""
-        self.stopping = True
+        self._stopping = True
         self.wake.set()
 
     def log(self, text: str) -> None:

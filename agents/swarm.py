@@ -1,29 +1,21 @@
 """The launcher: starts a team's processes on this machine, watches them, keeps score, and ends them all."""
 
 import asyncio
-import contextlib
 import os
 import signal
 import sys
 import time
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-from rich.console import Console
+from rich.console import Console, RenderableType
 from rich.live import Live
 
 from agents.clock import TeamClock
 from agents.errors import LinkError
-from agents.machine import Heard
-from agents.messages import (
-    EventMessage,
-    HealthMessage,
-    PoseMessage,
-    PosteriorMessage,
-    StartMessage,
-    TruthMessage,
-)
+from agents.machine import Event, Heard
+from agents.messages import StartMessage, TruthMessage
 from agents.mission import Mission
 from agents.mission_file import load
 from agents.plugins import load as load_plugin
@@ -31,7 +23,8 @@ from agents.processes import Launch, commands
 from agents.run_directory import RunDirectory
 from agents.scoreboard import Scoreboard
 from agents.shell import Shell, run_until_done
-from agents.status_table import ProcessStatus, TeamStatus, status_table
+from agents.status_board import StatusBoard
+from agents.status_table import ProcessStatus, status_table
 from agents.supervisor import State, Status, Supervisor
 from agents.team import Team
 from agents.topics import EVENT, HEALTH, POSE, POSTERIOR, SET, START, TRUTH
@@ -57,13 +50,7 @@ async def _main(mission: Mission, out: Path | None, speed: float, view: str) -> 
     directory = RunDirectory.create(mission, out)
     resolved = load(directory.mission)  # what the children will read
     with load_plugin("routers", mission.link.kind)(resolved.link) as router:
-        launch = Launch(
-            mission_file=directory.mission,
-            out=directory.path,
-            endpoints=tuple(router.endpoints),
-            speed=speed,
-            view=_view(view),
-        )
+        launch = Launch(directory.mission, directory.path, tuple(router.endpoints), speed, _view(view))
         async with Shell(resolved, "swarm", "swarm", router.endpoints) as shell:
             swarm = Swarm(shell, Team.of(resolved), launch, directory, console)
             return await swarm.run()
@@ -91,14 +78,8 @@ class Swarm:
         self._supervisor = Supervisor(commands(team.mission, launch), directory.path, self._changed)
         self._world = team.world(team.mission.seed)
         self._scoreboard = Scoreboard(team.mission, team.mission.seed, "processes", self._world)
-        self._last_heard: dict[str, float] = {}  # wall time, by sender
-        self._poses: dict[str, PoseMessage] = {}
-        self._health: dict[str, HealthMessage] = {}
-        self._posterior: PosteriorMessage | None = None
-        self._alive: set[str] = set()
-        self._news = ""
+        self._board = StatusBoard(team.mission)
         self._started = False
-        self._launched_at = time.monotonic()
 
     async def run(self) -> int:
         """Until all is found, the time is up, or someone asks to end; then the summary."""
@@ -165,34 +146,22 @@ class Swarm:
                 else f"exit status {status.exit_code}"
             )
             after = "will be started again" if status.state is State.WAITING else "the others go on"
-            self._news = f"{status.name} died ({how}); {after}"
-            with contextlib.suppress(Exception):  # the link may be the very thing that failed
-                self._shell.announce(self._news, "warning")
+            news = f"{status.name} died ({how}); {after}"
+            self._board.note(news)
+            self._shell.announce(news, "warning")
 
-    def _take(self, events: Iterable[Any]) -> None:
-        shell = self._shell
+    def _take(self, events: Iterable[Event]) -> None:
+        wall = time.monotonic()
         for event in events:
             if isinstance(event, PeerChange):
-                (self._alive.add if event.alive else self._alive.discard)(event.peer.id)
+                self._board.on_peer(event)
             elif isinstance(event, Heard):
-                self._hear(event)
-        if not self._started and shell.clock.now() >= 0 and self._posterior is not None:
-            self._started = True
-
-    def _hear(self, heard: Heard) -> None:
-        message = heard.message
-        self._last_heard[message.sender] = time.monotonic()
-        if isinstance(message, StartMessage):
-            self._shell.clock = TeamClock(message.epoch, message.speed)
-        elif isinstance(message, PoseMessage):
-            self._poses[message.sender] = message
-        elif isinstance(message, HealthMessage):
-            self._health[message.sender] = message
-        elif isinstance(message, PosteriorMessage):
-            self._posterior = message
-        elif isinstance(message, EventMessage) and message.level != "info":
-            self._news = f"{message.sender}: {message.text}"
-        self._scoreboard.hear(heard, self._shell.clock.now())
+                message = event.message
+                self._board.on_message(event.topic.name, message, wall)
+                if isinstance(message, StartMessage):
+                    self._shell.clock = TeamClock(message.epoch, message.speed)
+                    self._started = True
+                self._scoreboard.hear(event, self._shell.clock.now())
 
     def _publish_truth(self) -> None:
         shell = self._shell
@@ -200,50 +169,18 @@ class Swarm:
         message = TruthMessage(**shell.stamp.header(TRUTH, now), targets=self._world.targets(now))
         shell.publish(TRUTH, message)
 
-    def _table(self) -> Any:
-        score = self._scoreboard
-        status = TeamStatus(
-            mission=self._mission.name,
-            time_s=self._shell.clock.now() if self._started else None,
-            duration_s=self._mission.duration_s,
-            found=score.targets_found,
-            total=score.targets_total,
-            expected_cardinality=self._posterior.expected_cardinality if self._posterior else None,
-            sets_applied=self._posterior.applied if self._posterior else 0,
-            rejected=sum(h.counters.get("rejected", 0) for h in self._health.values()),
-            processes=tuple(self._row(s) for s in self._supervisor.statuses()),
-            note=self._news,
+    def _table(self) -> RenderableType:
+        time_s = self._shell.clock.now() if self._started else None
+        status = self._board.status(time.monotonic(), time_s)
+        supervised = {s.name: s for s in self._supervisor.statuses()}
+        return status_table(
+            replace(
+                status,
+                found=self._scoreboard.targets_found,
+                total=self._scoreboard.targets_total,
+                processes=tuple(_with(row, supervised[row.id]) for row in status.processes),
+            )
         )
-        return status_table(status)
-
-    def _row(self, status: Status) -> ProcessStatus:
-        heard = self._last_heard.get(status.name)
-        health = self._health.get(status.name)
-        pose = self._poses.get(status.name)
-        counters = health.counters if health is not None else {}
-        running = status.state is State.RUNNING
-        return ProcessStatus(
-            role=status.role,
-            id=status.name,
-            state=(pose.state if pose is not None else "starting") if running else status.state.value,
-            alive=running and (status.name in self._alive or not self._started),
-            age_s=None if heard is None else time.monotonic() - heard,
-            sets_sent=counters.get("sets"),
-            sets_stored=counters.get("applied_sets")
-            if status.role == "fusion"
-            else self._stored(status.name),
-            travelled_m=pose.travelled if pose is not None else None,
-            restarts=status.restarts,
-        )
-
-    def _stored(self, status: Status) -> int | None:
-        if self._posterior is None:
-            return None
-        if status.role == "fusion":
-            return self._posterior.applied
-        robot = status.name
-        marks = [w for name, w in self._posterior.watermark.items() if name.startswith(f"{robot}/")]
-        return sum(mark.upto + 1 + len(mark.beyond) for mark in marks) if marks else None
 
     def _finish(self) -> int:
         summary = self._scoreboard.summary()
@@ -258,5 +195,12 @@ class Swarm:
             )
         else:
             console.print(f"[bold red]{found}[/], {summary['false_found']} false")
-        console.print(f"run directory: {self._directory.path}")
+        console.print(f"run directory: {self._directory.path}", soft_wrap=True)
         return 0 if summary["all_found"] else 1
+
+
+def _with(row: ProcessStatus, status: Status) -> ProcessStatus:
+    """What the team says of a process, and what the system says of it."""
+    if status.state is State.RUNNING:
+        return replace(row, restarts=status.restarts, state=row.state or "starting")
+    return replace(row, restarts=status.restarts, state=status.state.value, alive=False)

@@ -64,7 +64,7 @@ class Inbox:
     def drain(self) -> list[Received]:
         """All that waits, in order; of a latest-only topic just each sender's newest."""
         items: list[Received] = []
-        while True:
+        while self._queue:
             try:
                 items.append(self._queue.popleft())
             except IndexError:

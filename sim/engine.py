@@ -6,8 +6,8 @@ message is the same, bit for bit: `Engine.log_hash` says so.
 
 import hashlib
 import heapq
+from collections import OrderedDict
 from collections.abc import Callable
-from functools import lru_cache
 from itertools import count
 
 from agents import codec
@@ -24,6 +24,7 @@ from sim.network import NetworkConditions, SimulatedNetwork
 from sim.nodes import FusionNode, Node, RobotNode
 from sim.planning import PlanService
 
+UNDERWAY = 256  # messages whose bytes are remembered
 GRACE_S = 1.0  # the run goes on this long after the last target was found
 
 
@@ -50,7 +51,7 @@ class Engine:
         self._heap: list[tuple[float, int, Callable[[], None]]] = []
         self._order = count()
         self._stop_at = team.mission.duration_s
-        self._decode = lru_cache(maxsize=64)(codec.decode)
+        self._underway: OrderedDict[bytes, Message] = OrderedDict()
         self._network = SimulatedNetwork(
             conditions or NetworkConditions(), generator(seed, "network"), self.after
         )
@@ -67,10 +68,12 @@ class Engine:
     def network(self) -> SimulatedNetwork:
         return self._network
 
-    @property
-    def decode(self) -> Callable[..., Message]:
-        """`codec.decode`, done once for all receivers of the same bytes."""
-        return self._decode
+    def decode(self, topic: Topic, payload: bytes, *, team: str, sender: str) -> Message:
+        """As `codec.decode`; bytes that an agent of this run just sent are known without looking again."""
+        message = self._underway.get(payload)
+        if message is not None and message.sender == sender and isinstance(message, topic.message):
+            return message
+        return codec.decode(topic, payload, team=team, sender=sender)
 
     @property
     def log_hash(self) -> str:
@@ -108,6 +111,9 @@ class Engine:
     def publish(self, node: Node, topic: Topic, message: Message) -> None:
         """Send, keep score and log."""
         payload = codec.encode(message)
+        self._underway[payload] = message
+        if len(self._underway) > UNDERWAY:
+            self._underway.popitem(last=False)
         now = self.clock.now()
         if topic is not HEALTH:
             self._digest.update(f"{now!r} {topic.name} {message.sender} ".encode())

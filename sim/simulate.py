@@ -49,19 +49,18 @@ def simulate(
 
     The Robot and Fusion objects are those of the real processes; only clock and network are simulated.
 
+    \b
     Examples:
-
       searchparty simulate quickstart --seeds 0:20
-
       searchparty simulate missions/maasi_3d.toml --seeds 0:50 --jobs 2 --json maasi_3d.json
     """
     numbers = parse_seeds(seeds)
     resolved = load(mission, duration=duration)
     runs = run_all(resolved, numbers, jobs or os.cpu_count() or 1, out)
-    result = {"runs": runs, "aggregate": aggregate(runs)}
+    total = aggregate(runs)
     if json is not None:
-        write_json(json, result)
-    _print(resolved, result["aggregate"])
+        write_json(json, {"runs": runs, "aggregate": total})
+    _print(resolved, total)
 
 
 def parse_seeds(text: str) -> list[int]:

@@ -1,5 +1,7 @@
 """A simulated vehicle: the planner's own vehicle model, run in steps of its control period."""
 
+import math
+
 import numpy as np
 
 from agents.devices import Vehicle, VehicleState
@@ -24,7 +26,7 @@ class SimulatedVehicle(Vehicle):
         self._idle = True  # at rest where it holds: nothing changes with time
         self._upcoming: Trajectory | None = None
         self._travelled = 0.0
-        self._last = np.array(start[:3])
+        self._last: list[float] = start[:3].tolist()
 
     def __repr__(self) -> str:
         return f"SimulatedVehicle(steps={self._steps}, waypoint={self._waypoint.round(1)})"
@@ -47,8 +49,9 @@ class SimulatedVehicle(Vehicle):
                 self._upcoming = None
         self._advance_to(target)
         pose = self._model.pose(self._state)
-        self._travelled += float(np.linalg.norm(pose[:3] - self._last))
-        self._last = np.array(pose[:3])
+        here = pose[:3].tolist()
+        self._travelled += math.dist(here, self._last)
+        self._last = here
         return VehicleState(
             time=self._origin + self._steps * self._period,
             pose=pose,

@@ -1,0 +1,119 @@
+"""What a watcher knows of the team from messages alone: the snapshot for the terminal's table."""
+
+from agents.messages import (
+    EventMessage,
+    HealthMessage,
+    Message,
+    PoseMessage,
+    PosteriorMessage,
+    TruthMessage,
+)
+from agents.mission import Mission
+from agents.status_table import ProcessStatus, TeamStatus
+from agents.topics import SET
+from agents.transport import PeerChange
+
+
+class StatusBoard:
+    """Hears the team; `status` tells how it stands. Wall times are seconds of any one clock."""
+
+    def __init__(self, mission: Mission) -> None:
+        self._mission = mission
+        self._roles = {robot.id: "robot" for robot in mission.robots}
+        self._alive: dict[str, set[str]] = {}  # boots whose token stands, by process
+        self._boots: dict[str, set[str]] = {}  # all that were ever heard of
+        self._heard: dict[str, float] = {}
+        self._states: dict[str, str] = {}
+        self._poses: dict[str, PoseMessage] = {}
+        self._sets: dict[tuple[str, str], int] = {}  # sets sent, by process and boot
+        self._rejected: dict[str, int] = {}
+        self._posterior: PosteriorMessage | None = None
+        self._total: int | None = None
+        self._note = ""
+
+    def __repr__(self) -> str:
+        return f"StatusBoard({len(self._roles)} processes, {self._posterior is not None=})"
+
+    def on_peer(self, change: PeerChange) -> None:
+        """A liveliness token came or went."""
+        peer = change.peer
+        if peer.role not in ("robot", "fusion"):
+            return
+        self._roles[peer.id] = peer.role
+        self._boots.setdefault(peer.id, set()).add(peer.boot)
+        boots = self._alive.setdefault(peer.id, set())
+        (boots.add if change.alive else boots.discard)(peer.boot)
+        if not change.alive and not boots:
+            self._note = f"{peer.role} {peer.id} is gone"
+
+    def on_message(self, topic_name: str, message: Message, wall: float) -> None:
+        """Take in a message that came at wall time `wall`."""
+        sender = message.sender
+        self._heard[sender] = wall
+        match message:
+            case PoseMessage():
+                self._poses[sender] = message
+                self._states[sender] = message.state
+            case HealthMessage():
+                self._rejected[sender] = message.counters.get("rejected", 0)
+                if sender not in self._poses:
+                    self._states[sender] = message.state
+            case PosteriorMessage():
+                if self._posterior is None or message.applied >= self._posterior.applied:
+                    self._posterior = message
+            case TruthMessage():
+                self._total = message.targets.shape[1]
+            case EventMessage():
+                self._note = f"{sender}: {message.text}"
+        if topic_name == SET.name:
+            stream = (sender, message.boot)
+            self._sets[stream] = max(self._sets.get(stream, 0), message.sequence + 1)
+
+    def note(self, text: str) -> None:
+        """A line of the watcher's own."""
+        self._note = text
+
+    def status(self, wall: float, team_time: float | None) -> TeamStatus:
+        """How the team stands at wall time `wall`."""
+        posterior = self._posterior
+        return TeamStatus(
+            mission=self._mission.name,
+            time_s=team_time,
+            duration_s=self._mission.duration_s,
+            found=0 if posterior is None else posterior.found.shape[1],
+            total=self._total,
+            expected_cardinality=None if posterior is None else posterior.expected_cardinality,
+            sets_applied=0 if posterior is None else posterior.applied,
+            rejected=sum(self._rejected.values()),
+            processes=tuple(self._row(name, wall) for name in self._roles),
+            note=self._note,
+        )
+
+    def _row(self, name: str, wall: float) -> ProcessStatus:
+        role = self._roles[name]
+        boots = self._boots.get(name, set())
+        return ProcessStatus(
+            role=role,
+            id=name,
+            state=self._states.get(name, "not heard yet" if not boots else ""),
+            # Who was never there is awaited, not gone.
+            alive=bool(self._alive.get(name)) or not boots,
+            age_s=wall - self._heard[name] if name in self._heard else None,
+            sets_sent=sum(n for (sender, _), n in self._sets.items() if sender == name)
+            if role == "robot"
+            else None,
+            sets_stored=self._stored(name, role),
+            travelled_m=self._poses[name].travelled if name in self._poses else None,
+            restarts=max(0, len(boots) - 1),
+        )
+
+    def _stored(self, name: str, role: str) -> int | None:
+        if self._posterior is None:
+            return None
+        if role == "fusion":
+            return self._posterior.applied
+        return sum(
+            mark.upto + 1 + len(mark.beyond)
+            for stream, mark in self._posterior.watermark.items()
+            if stream.startswith(f"{name}/")
+        )
