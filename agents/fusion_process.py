@@ -16,13 +16,14 @@ from agents.machine import Event, Heard, Publish, Store
 from agents.messages import MeasurementSetMessage, StartMessage
 from agents.mission import Mission
 from agents.mission_file import mission_hash
+from agents.rehearsal import rehearse_fusion
 from agents.shell import HEALTH_PERIOD_S, Shell, run_until_done
 from agents.team import Team
 from agents.topics import HEALTH, SET, START
 from agents.transport import PeerChange
 
 NAME = "fusion"
-START_DELAY_S = 0.3  # from the start message to team time 0, so that all hear of it before
+START_DELAY_S = 0.5  # from the start message to team time 0, so that all hear of it before
 
 
 def run(
@@ -43,6 +44,9 @@ def run(
 
 async def _main(mission: Mission, path: Path, connect: Sequence[str], speed: float, name: str) -> int:
     team = Team.of(mission)
+    rehearse_fusion(team)
+    gc.collect()
+    gc.freeze()  # what lives now lives to the end: no collection needs to look at it
     with Ledger(path) as ledger:
         async with Shell(mission, "fusion", name, connect) as shell:
             shell.transport.subscribe(SET)
@@ -69,11 +73,8 @@ class FusionProcess:
     async def run(self) -> None:
         """Until the process is told to end."""
         shell = self._shell
-        await self._start_team()
-        if shell.stopping:
+        if not await self._start_team():
             return
-        gc.collect()
-        gc.freeze()
         shell.every(HEALTH_PERIOD_S, self._publish_start)
         shell.every(HEALTH_PERIOD_S, self._publish_health)
         while not shell.stopping:
@@ -83,8 +84,11 @@ class FusionProcess:
         self._step(shell.events())
         self._publish_health()
 
-    async def _start_team(self) -> None:
-        """Go on with an earlier life's ledger, or wait for the robots and start the clock."""
+    async def _start_team(self) -> bool:
+        """Go on with an earlier life's ledger, or wait for the robots and start the clock.
+
+        False if the process was told to end meanwhile.
+        """
         shell, ledger = self._shell, self._ledger
         epoch = ledger.fact("epoch")
         if epoch is not None:
@@ -93,19 +97,22 @@ class FusionProcess:
             sets = list(ledger.replay(shell.mission.team))
             self._fusion.restore(sets)
             shell.announce(f"goes on with a ledger of {len(sets)} sets")
-            return
+            return True
         wanted = {robot.id for robot in shell.mission.robots}
         deadline = time.monotonic() + shell.mission.settings.start_timeout_s
         while not shell.stopping and not wanted <= self._robots and time.monotonic() < deadline:
             self._note(shell.events())
             await asyncio.sleep(0.02)
+        if shell.stopping:
+            return False
         missing = sorted(wanted - self._robots)
-        if missing and not shell.stopping:
+        if missing:
             shell.announce(f"starts without {', '.join(missing)}: they may join later", "warning")
         start = time.time() + START_DELAY_S
         ledger.remember("epoch", repr(start))
         ledger.remember("speed", repr(self._speed))
         shell.clock = TeamClock(start, self._speed)
+        return True
 
     def _note(self, events: Sequence[Event]) -> None:
         for event in events:

@@ -13,6 +13,7 @@ from agents.health import health_message
 from agents.histogram import Histogram
 from agents.machine import Action, Planned, Publish, RequestPlan
 from agents.mission import Mission
+from agents.rehearsal import rehearse_robot
 from agents.robot import Robot, RobotSetup
 from agents.shell import HEALTH_PERIOD_S, Shell, run_until_done
 from agents.team import Team
@@ -38,6 +39,9 @@ async def _main(mission: Mission, robot_id: str, connect: Sequence[str]) -> int:
     team = Team.of(mission)
     if isinstance(team.planner, TeamPlanner):
         raise MissionError(f"planner {mission.planner['kind']!r} needs a centre: use searchparty simulate")
+    rehearse_robot(team, robot_id)
+    gc.collect()
+    gc.freeze()  # what lives now lives to the end: no collection needs to look at it
     async with Shell(mission, "robot", robot_id, connect) as shell:
         for topic in (POSE, SET, PICTURE, POSTERIOR):
             shell.transport.subscribe(topic, urgent=False)
@@ -88,8 +92,6 @@ class RobotProcess:
         shell.announce(f"joined as boot {shell.boot}")
         while shell.clock.now() < 0.0 and not shell.stopping:
             await shell.sleep_until(0.0)
-        gc.collect()
-        gc.freeze()  # what lives now lives to the end: no collection needs to look at it
         shell.every(HEALTH_PERIOD_S, self._publish_health)
         while not shell.stopping:
             self._body.step(shell.events())

@@ -125,7 +125,7 @@ class Watcher:
     """The loop between the network, the table and the drawer."""
 
     def __init__(self, shell: "Shell", view: "RerunView", console: "Console", *, quiet: bool) -> None:
-        from bridges.watch_status import StatusBoard
+        from agents.status_board import StatusBoard
 
         self._shell = shell
         self._view = view

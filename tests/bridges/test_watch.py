@@ -20,7 +20,7 @@ from agents.topics import POSE, TOPICS
 from agents.transport import Peer, PeerChange
 from bridges import watch
 from bridges.rerun_blueprint import EVENTS, FOUND
-from bridges.watch_status import StatusBoard
+from agents.status_board import StatusBoard
 from bridges.zenoh_router import Router
 from bridges.zenoh_transport import ZenohTransport
 from tests.bridges.rerun_story import Story, mission

@@ -1,0 +1,72 @@
+"""Do once, before the team starts, what will be done in it: so that no kernel is loaded while time runs.
+
+Compiled kernels wait on the disk, but taking one from there holds a process up for tens of milliseconds,
+and its first measurement would be late by the sum of them.
+"""
+
+import numpy as np
+
+from agents.mission import start_pose
+from agents.team import Team
+from estimator.exploration import Exploration
+from planner.plan import Commitment, PlanProblem
+from planner.trigger import worth_measuring
+
+
+def rehearse_robot(team: Team, robot: str) -> None:
+    """A robot's plan around another's, a look at the sensor's field, a step of the vehicle."""
+    mission = team.mission
+    vehicle, sensor, period = team.vehicle_models[robot], team.sensor_models[robot], team.measure_periods[robot]
+    pose = start_pose(mission.robot(robot))
+    state = vehicle.initial_state(pose)
+    exploration = Exploration.unexplored(team.area, tuple(mission.exploration.points))
+    clusters = np.ascontiguousarray((0.5 * (team.area.low + team.area.high))[:, None])
+    others = [
+        Commitment(
+            robot=other,
+            version=0,
+            measure_times=np.array([0.0]),
+            measure_poses=start_pose(mission.robot(other))[None],
+            times=np.array([0.0]),
+            poses=start_pose(mission.robot(other))[None],
+            measure_period=team.measure_periods[other],
+        )
+        for other in team.sensor_models
+        if other != robot
+    ]
+    problem = PlanProblem(
+        robot=robot,
+        state=state,
+        start_time=0.0,
+        measure_period=period,
+        clusters=clusters,
+        exploration=exploration.after(sensor, pose[None]),
+        others=tuple(others[:1]),
+        area=team.area,
+        separation=mission.settings.separation_m,
+    )
+    trajectory = team.planner.plan(problem).trajectory
+    waypoint = pose[:3] if trajectory is None else trajectory.waypoint
+    state = vehicle.advance(vehicle.begin(state, waypoint), waypoint, 1)
+    vehicle.reached(state, waypoint)
+    worth_measuring(sensor, clusters, exploration, pose, 1.0, 1.0)
+    sensor.sample(clusters, pose, np.random.default_rng(0))
+
+
+def rehearse_fusion(team: Team) -> None:
+    """A few sets of every robot's sensor, on an estimate that is then thrown away."""
+    search = team.search()
+    rng = np.random.default_rng(0)
+    state = search.init(rng)
+    targets = np.ascontiguousarray((0.5 * (team.area.low + team.area.high))[:, None])
+    for robot, sensor in team.sensor_models.items():
+        pose = start_pose(team.mission.robot(robot))
+        pose[: team.area.dimension] = targets[:, 0] - 1.0
+        measurements = np.zeros((0, sensor.measurement_size))
+        for attempt in range(20):
+            drawn = sensor.sample(targets, pose, rng)
+            measurements = drawn if len(drawn) else measurements
+            state = search.apply(state, sensor, pose, measurements, 0.1 * attempt, rng)
+        if len(team.sensor_models) > 4:
+            break  # the kernels are the same; more sets only take more time
+    search.thinned(state, 10)
