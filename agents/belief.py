@@ -50,7 +50,12 @@ class Belief:
         return f"Belief({self._robot}, applied={applied}, commitments={sorted(self.commitments)})"
 
     def hear_posterior(self, message: PosteriorMessage) -> None:
-        """Keep the posterior that has more applied; of several fusions the fullest is believed."""
+        """Keep the posterior that has more applied; of several fusions the fullest is believed.
+
+        One of another dimension than the mission's is not believed at all.
+        """
+        if message.means.shape[0] != self._dimension:
+            return
         if self.posterior is None or message.applied >= self.posterior.applied:
             self.posterior = message
 

@@ -27,6 +27,9 @@ def health_message(
     for name, value in link.items():
         if name not in ("published", "received"):
             counts[f"link.{name}"] = value
+    if link.get("oversize"):
+        counts["rejected.oversize"] = counts.get("rejected.oversize", 0) + link["oversize"]
+        counts["rejected"] = counts.get("rejected", 0) + link["oversize"]
     for name, value in counters.items():
         counts[name] = counts.get(name, 0) + value
         if name.startswith("rejected."):
