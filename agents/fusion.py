@@ -183,4 +183,5 @@ def _apply(
 ) -> SearchState[Any]:
     """The estimate after one more set. Same set, same draws: that is what makes replays exact."""
     rng = generator(seed, "fusion", message.sender, message.boot, message.sequence)
-    return search.apply(state, sensors[message.sender], message.pose, message.measurements, message.time, rng)
+    sender = message.sender
+    return search.apply(state, sensors[sender], message.pose, message.measurements, message.time, rng, sender)

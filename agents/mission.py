@@ -35,6 +35,15 @@ class FoundTable(Strict, frozen=True, kw_only=True):
     radius_m: Positive = 1.1  # T_r
     mass: Positive = 0.8  # T_m
     gate_m: Positive = 5.0  # T_z
+    same_sigmas: NonNegative = 0.0  # a cluster this near to a found target is that target; 0: never
+    blur_m: NonNegative = 0.0  # measurements of a found target are off by this beyond the sensor's noise
+
+
+class TeammatesTable(Strict, frozen=True, kw_only=True):
+    """What the robots' sensors see of each other."""
+
+    rate: NonNegative = 0.0  # measurements of a robot in view per set; 0: sensors do not see robots
+    spread_m: Positive = 0.1  # standard deviation of where a robot is seen around its pose
 
 
 class ExplorationTable(Strict, frozen=True, kw_only=True):
@@ -111,6 +120,7 @@ class Mission(Strict, frozen=True, kw_only=True):
     world: Table
     filter: Table
     found: FoundTable = FoundTable()
+    teammates: TeammatesTable = TeammatesTable()
     exploration: ExplorationTable = ExplorationTable()
     planner: Table
     trigger: TriggerTable = TriggerTable()

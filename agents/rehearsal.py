@@ -16,7 +16,7 @@ from planner.trigger import worth_measuring
 def rehearse_robot(team: Team, robot: str) -> None:
     """A robot's plan around another's, a look at the sensor's field, a step of the vehicle."""
     mission = team.mission
-    vehicle, sensor, period = team.vehicle_models[robot], team.sensor_models[robot], team.measure_periods[robot]
+    vehicle, sensor = team.vehicle_models[robot], team.sensor_models[robot]
     pose = start_pose(mission.robot(robot))
     state = vehicle.initial_state(pose)
     exploration = Exploration.unexplored(team.area, tuple(mission.exploration.points))
@@ -38,7 +38,7 @@ def rehearse_robot(team: Team, robot: str) -> None:
         robot=robot,
         state=state,
         start_time=0.0,
-        measure_period=period,
+        measure_period=team.measure_periods[robot],
         clusters=clusters,
         exploration=exploration.after(sensor, pose[None]),
         others=tuple(others[:1]),

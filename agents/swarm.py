@@ -13,9 +13,9 @@ from rich.console import Console, RenderableType
 from rich.live import Live
 
 from agents.clock import TeamClock
-from agents.errors import LinkError
+from agents.errors import LinkError, SearchpartyError
 from agents.machine import Event, Heard
-from agents.messages import StartMessage, TruthMessage
+from agents.messages import EventMessage, StartMessage, TruthMessage
 from agents.mission import Mission
 from agents.mission_file import load
 from agents.plugins import load as load_plugin
@@ -47,10 +47,11 @@ def run(mission: Mission, *, out: Path | None, speed: float = 1.0, view: str = "
 
 async def _main(mission: Mission, out: Path | None, speed: float, view: str) -> int:
     console = Console()
+    view = _view(view)
     directory = RunDirectory.create(mission, out)
     resolved = load(directory.mission)  # what the children will read
     with load_plugin("routers", mission.link.kind)(resolved.link) as router:
-        launch = Launch(directory.mission, directory.path, tuple(router.endpoints), speed, _view(view))
+        launch = Launch(directory.mission, directory.path, tuple(router.endpoints), speed, view)
         async with Shell(resolved, "swarm", "swarm", router.endpoints) as shell:
             swarm = Swarm(shell, Team.of(resolved), launch, directory, console)
             return await swarm.run()
@@ -58,10 +59,17 @@ async def _main(mission: Mission, out: Path | None, speed: float, view: str) -> 
 
 def _view(wish: str) -> str:
     """What "auto" means here: a window where there is a screen, else only the recording."""
+    if wish == "spawn" and not _screen():
+        raise SearchpartyError(
+            "no display for the viewer's window: use --view web, or --view none and open view.rrd afterwards"
+        )
     if wish != "auto":
         return wish
-    screen = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY") or sys.platform == "darwin"
-    return "spawn" if screen else "none"
+    return "spawn" if _screen() else "none"
+
+
+def _screen() -> bool:
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY") or sys.platform == "darwin")
 
 
 class Swarm:
@@ -80,6 +88,7 @@ class Swarm:
         self._scoreboard = Scoreboard(team.mission, team.mission.seed, "processes", self._world)
         self._board = StatusBoard(team.mission)
         self._started = False
+        self._ending = False
 
     async def run(self) -> int:
         """Until all is found, the time is up, or someone asks to end; then the summary."""
@@ -113,6 +122,7 @@ class Swarm:
             self._look_for_failure()
 
     async def _stop(self) -> None:
+        self._ending = True
         stopping = asyncio.create_task(self._supervisor.stop())
         while not stopping.done():
             self._take(self._shell.events())
@@ -148,13 +158,15 @@ class Swarm:
             after = "will be started again" if status.state is State.WAITING else "the others go on"
             news = f"{status.name} died ({how}); {after}"
             self._board.note(news)
-            self._shell.announce(news, "warning")
+            header = self._shell.stamp.header(EVENT, self._shell.clock.now())
+            self._shell.publish(EVENT, EventMessage(**header, level="warning", text=news))
 
     def _take(self, events: Iterable[Event]) -> None:
         wall = time.monotonic()
         for event in events:
             if isinstance(event, PeerChange):
-                self._board.on_peer(event)
+                if not self._ending:  # that all go then is no news
+                    self._board.on_peer(event)
             elif isinstance(event, Heard):
                 message = event.message
                 self._board.on_message(event.topic.name, message, wall)
@@ -186,6 +198,8 @@ class Swarm:
         summary = self._scoreboard.summary()
         self._directory.write_summary(summary)
         console, total = self._console, summary["targets_total"]
+        if not console.is_terminal:
+            console.print()  # the table's last line is left open there
         found = f"{summary['targets_found']} of {total} targets found"
         if summary["all_found"]:
             console.print(

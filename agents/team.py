@@ -16,6 +16,7 @@ from agents.tables import convert
 from estimator.filter import Area, Filter
 from estimator.search import Search
 from estimator.sensor import SensorModel
+from estimator.teammates import Teammates
 from planner.plan import Planner, PlannerSetup, VehicleModel
 
 
@@ -84,7 +85,17 @@ class Team:
             radius=found.radius_m,
             mass=found.mass,
             gate=found.gate_m,
+            same=found.same_sigmas,
+            blur=found.blur_m,
+            teammates=self._teammates(),
         )
+
+    def _teammates(self) -> Teammates | None:
+        table = self.mission.teammates
+        if table.rate == 0.0:
+            return None
+        starts = {robot.id: start_pose(robot) for robot in self.mission.robots}
+        return Teammates(starts, table.spread_m, table.rate)
 
     def world(self, seed: int) -> World:
         """What is really there in the run of this seed.
