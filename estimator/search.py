@@ -49,18 +49,24 @@ class Search(Generic[State]):
         radius: float,
         mass: float,
         gate: float,
+        same: float = 0.0,
+        blur: float = 0.0,
         teammates: Teammates | None = None,
     ) -> None:
         """`radius` T_r (m), `mass` T_m (targets) and `gate` T_z (m) of section 3.3.
 
-        A cluster of smaller radius and greater mass is a found target. With `teammates`, robots expect to see
-        each other.
+        A cluster of smaller radius and greater mass is a found target, unless it is less than `same` standard
+        deviations from one found before: then it is that one, and refines it. With a `blur` (m), measurements
+        of found targets are off by more than noise (calibration, poses): what is left of them next to a
+        target is still explained by it. With `teammates`, robots expect to see each other.
         """
         self.filter = filter
         self.area = area
         self.radius = radius
         self.threshold = mass
         self.gate = gate
+        self.same = same
+        self.blur = blur
         self.teammates = teammates
         self._unexplored = Exploration.unexplored(area, tuple(exploration_points))
 
@@ -94,7 +100,7 @@ class Search(Generic[State]):
     ) -> SearchState[State]:
         """The estimate after one more set (m, s), taken by `sensor` at pose (4,) and time `capture_time`.
 
-        A set older than the newest is applied as if it were taken with it. `robot` says whose set it is, which
+        A set older than the newest is applied as if it were taken with it. `robot` says whose set it is; that
         matters only where teammates are expected.
 
         Raises:
@@ -114,8 +120,11 @@ class Search(Generic[State]):
             # A found target makes one measurement at most. Where none was near enough to be taken for it, it
             # may still be the source of one further away, which then is no news of another target.
             places = np.ascontiguousarray(state.found[:, silent])
-            spreads = np.sqrt(np.trace(state.found_covariances[silent], axis1=1, axis2=2) / len(places))
-            sensor = WithKnown(sensor, places, spreads, sensor.detection(places, pose[None, :])[0])
+            variances = np.trace(state.found_covariances[silent], axis1=1, axis2=2) / len(places)
+            rates = sensor.detection(places, pose[None, :])[0]
+            if self.blur > 0.0:  # makes up for the lower peak
+                rates = np.ones_like(rates)
+            sensor = WithKnown(sensor, places, np.sqrt(variances + self.blur**2), rates)
         now = max(capture_time, state.time)
         inner = self.filter.predict(state.filter_state, now - state.time, rng)
         inner = self.filter.update(inner, sensor, pose, measurements, rng)
@@ -156,12 +165,8 @@ class Search(Generic[State]):
         spreads = sensor.location_covariance(measurements, pose)
         found, covariances = state.found.copy(), state.found_covariances.copy()
         for i, j in zip(targets, taken, strict=True):
-            innovation = places[:, j] - found[:, i]
-            gain = np.linalg.solve(covariances[i] + spreads[j], covariances[i]).T
-            if innovation @ np.linalg.solve(covariances[i] + spreads[j], innovation) < _SURPRISE**2:
-                found[:, i] += gain @ innovation
-                rest = covariances[i] - gain @ covariances[i]
-                covariances[i] = 0.5 * (rest + rest.T)
+            if _apart(found[:, i], covariances[i], places[:, j], spreads[j]) < _SURPRISE:
+                found[:, i], covariances[i] = _together(found[:, i], covariances[i], places[:, j], spreads[j])
         left = np.delete(measurements, taken, axis=0)
         return replace(state, found=found, found_covariances=covariances), left, silent
 
@@ -171,14 +176,42 @@ class Search(Generic[State]):
         new = (clusters.radii < self.radius) & (clusters.masses > self.threshold)
         if not new.any():
             return state
+        found, covariances = list(state.found.T), list(state.found_covariances)
+        for c in np.flatnonzero(new):
+            mean, covariance = clusters.means[:, c], clusters.covariances[c]
+            apart = [_apart(f, p, mean, covariance) for f, p in zip(found, covariances, strict=True)]
+            nearest = int(np.argmin(apart)) if apart else -1
+            if nearest >= 0 and apart[nearest] < self.same:
+                found[nearest], covariances[nearest] = _together(
+                    found[nearest], covariances[nearest], mean, covariance
+                )
+            else:
+                found.append(mean)
+                covariances.append(covariance)
+        more = len(found) - state.found.shape[1]
         return replace(
             state,
             filter_state=self.filter.remove(state.filter_state, np.flatnonzero(new)),
             clusters=_chosen(clusters, ~new),
-            found=np.concatenate([state.found, clusters.means[:, new]], axis=1),
-            found_covariances=np.concatenate([state.found_covariances, clusters.covariances[new]]),
-            found_times=np.concatenate([state.found_times, np.full(int(new.sum()), state.time)]),
+            found=np.stack(found, axis=1),
+            found_covariances=np.stack(covariances),
+            found_times=np.concatenate([state.found_times, np.full(more, state.time)]),
         )
+
+
+def _apart(mean: FloatArray, spread: FloatArray, other: FloatArray, other_spread: FloatArray) -> float:
+    """How many standard deviations two estimates (d,) with covariances (d, d) are apart (Mahalanobis)."""
+    step = other - mean
+    return float(np.sqrt(step @ np.linalg.solve(spread + other_spread, step)))
+
+
+def _together(
+    mean: FloatArray, spread: FloatArray, other: FloatArray, other_spread: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Mean and covariance of one place of which there are two independent estimates."""
+    gain = np.linalg.solve(spread + other_spread, spread).T
+    rest = spread - gain @ spread
+    return mean + gain @ (other - mean), 0.5 * (rest + rest.T)
 
 
 def _chosen(clusters: Clusters, keep: BoolArray) -> Clusters:

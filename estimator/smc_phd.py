@@ -15,7 +15,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from estimator.arrays import Count, FloatArray, Fraction, IntArray, NonNegative, Positive
+from estimator.arrays import BoolArray, Count, FloatArray, Fraction, IntArray, NonNegative, Positive
 from estimator.correction import corrected, explained
 from estimator.filter import Area, Clusters
 from estimator.kmeans import kmeans
@@ -37,11 +37,14 @@ class SmcPhdConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     birth: NonNegative = 0.0  # expected new targets per second in the whole area
     survival: Fraction = 1.0  # p_S per second
     spawning: NonNegative = 0.0  # targets that a detected one brings forth at its place, per second
+    spawning_from: NonNegative = 0.5  # mass from which a cluster spawns: it is there rather than not
+    spawning_to: Positive = 3.0  # mass up to which a cluster spawns
     grid_points: list[Count] | None = None  # of the undetected intensity; default 33 x 33 or 17 x 17 x 17
     jitter: NonNegative = 0.5  # bandwidth of the regularisation, 1 is the normal rule, 0 is none
     cluster_cutoff_m: Positive | None = None  # default: 3 standard deviations of a measurement's location
     cluster_least_mass: Positive = 0.1
     cluster_separation: Positive = 3.0  # standard deviations at which two clusters are two
+    stray_sigmas: NonNegative = 0.0  # stray particles this near to a removed cluster go with it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,11 +104,9 @@ class SmcPhd:
         if duration == 0.0 or (config.survival == 1.0 and config.birth == 0.0 and config.spawning == 0.0):
             return state
         survival = config.survival**duration
-        spawned = np.exp(config.spawning * duration)
         return replace(
             state,
-            # Stray particles, in no cluster, bring forth nothing: they would grow into targets of their own.
-            weights=state.weights * np.where(state.labels >= 0, survival * spawned, survival),
+            weights=state.weights * (survival * self._growth(state, duration)),
             undetected=state.undetected.later(survival, config.birth * duration),
         )
 
@@ -164,8 +165,17 @@ class SmcPhd:
         return replace(state, labels=labels, centres=found.means), found
 
     def remove(self, state: SmcPhdState, clusters: IntArray) -> SmcPhdState:
-        """Without the particles of the given clusters; the others keep their numbers."""
+        """Without the particles of the given clusters; the others keep their numbers.
+
+        With `stray_sigmas`, particles in no cluster go too where they are that near to a removed one: they
+        are its tail, and one of them alone would otherwise explain the target's next odd measurement.
+        """
         gone = np.isin(state.labels, clusters) & (state.labels >= 0)
+        if self.config.stray_sigmas > 0.0:
+            stray = np.flatnonzero(state.labels < 0)
+            for c in clusters:
+                near = _within(state, state.labels == c, stray, self.config.stray_sigmas)
+                gone[near] = True
         kept = ~gone
         return replace(
             state,
@@ -192,6 +202,19 @@ class SmcPhd:
             return np.zeros((points.shape[0], 0)), np.zeros(0)
         chosen, counts = np.unique(systematic(weights, size, 0.5), return_counts=True)
         return np.ascontiguousarray(points[:, chosen]), np.asarray(counts * (total / size), dtype=np.float64)
+
+    def _growth(self, state: SmcPhdState, duration: float) -> FloatArray:
+        """(n,) by what spawning multiplies each weight: exp(spawning duration), kept below `spawning_to`.
+
+        Stray particles, in no cluster, and clusters that are rather nothing bring forth nothing: they would
+        grow into targets of their own.
+        """
+        inside = state.labels >= 0
+        masses = np.bincount(state.labels[inside], state.weights[inside], state.centres.shape[1])
+        room = np.maximum(self.config.spawning_to / np.maximum(masses, 1e-300), 1.0)
+        growth = np.minimum(np.exp(self.config.spawning * duration), room)
+        growth[masses < self.config.spawning_from] = 1.0
+        return np.asarray(np.append(growth, 1.0)[state.labels])  # label -1 takes the last
 
     def _resampled_if_due(self, state: SmcPhdState, rng: np.random.Generator) -> SmcPhdState:
         n = state.weights.size
@@ -239,6 +262,18 @@ class SmcPhd:
             weights=np.concatenate([state.weights, weights]),
             labels=np.concatenate([state.labels, np.full(weights.size, -1)]),
         )
+
+
+def _within(state: SmcPhdState, members: BoolArray, candidates: IntArray, sigmas: float) -> IntArray:
+    """Those candidates (k,) less than `sigmas` Mahalanobis distances from the cluster of the members (n,)."""
+    positions, weights = state.positions[:, members], state.weights[members]
+    if candidates.size == 0 or weights.sum() <= 0.0:
+        return candidates[:0]
+    mean = np.average(positions, axis=1, weights=weights)[:, None]
+    spread = np.atleast_2d(np.cov(positions, aweights=weights, ddof=0))
+    steps = state.positions[:, candidates] - mean
+    squares = np.sum(steps * (np.linalg.pinv(spread, hermitian=True) @ steps), axis=0)
+    return np.asarray(candidates[squares < sigmas**2])
 
 
 def _mixed(old: float, new: float) -> float:
