@@ -1,9 +1,19 @@
 """The one way this project compiles a numeric kernel."""
 
+import sys
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
 import numba
+
+if "scipy.linalg" not in sys.modules:
+    # With the first kernel numba asks whether scipy.linalg is there, by importing it. Its answer only says
+    # whether np.cov may be compiled; each process would pay for it with 13 MB and 0.15 s.
+    sys.modules["scipy.linalg"] = None  # type: ignore[assignment]
+    try:
+        import numba.np.arraymath
+    finally:
+        del sys.modules["scipy.linalg"]
 
 F = TypeVar("F", bound=Callable[..., Any])
 
