@@ -236,7 +236,7 @@ def warm() -> None:
 
     from agents import warm as kernels
 
-    kernels.run(Console(stderr=True))
+    kernels.ensure(Console(stderr=True))
 
 
 def main() -> None:

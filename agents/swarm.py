@@ -12,6 +12,7 @@ from pathlib import Path
 from rich.console import Console, RenderableType
 from rich.live import Live
 
+from agents import warm
 from agents.clock import TeamClock
 from agents.errors import LinkError, SearchpartyError
 from agents.machine import Event, Heard
@@ -48,6 +49,7 @@ def run(mission: Mission, *, out: Path | None, speed: float = 1.0, view: str = "
 async def _main(mission: Mission, out: Path | None, speed: float, view: str) -> int:
     console = Console()
     view = _view(view)
+    warm.ensure(console)  # or every robot would compile the same kernels at the same time
     directory = RunDirectory.create(mission, out)
     resolved = load(directory.mission)  # what the children will read
     with load_plugin("routers", mission.link.kind)(resolved.link) as router:

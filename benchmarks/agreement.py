@@ -53,20 +53,20 @@ def main() -> None:
     seeds = parse_seeds(arguments.seeds)
     virtual = run_all(load(arguments.mission), seeds, 1, None)
     processes = [in_processes(arguments.mission, seed, arguments.speed) for seed in seeds]
-    print(f"{arguments.mission}, {len(seeds)} seeds; all found: ", end="")
+    found = [sum(r["all_found"] for r in runs) for runs in (virtual, processes)]
+    false = [sum(r["false_found"] for r in runs) for runs in (virtual, processes)]
     print(
-        f"virtual {sum(r['all_found'] for r in virtual)}, processes {sum(r['all_found'] for r in processes)}; ",
-        end="",
+        f"{arguments.mission}, {len(seeds)} seeds. Runs that found all: virtual {found[0]}, processes {found[1]}."
     )
-    print(f"false: {sum(r['false_found'] for r in virtual)}, {sum(r['false_found'] for r in processes)}\n")
-    print(
-        "| | virtual, mean ± sd | processes, mean ± sd | KS p | Mann-Whitney p |\n| --- | --- | --- | --- | --- |"
-    )
+    print(f"False targets: {false[0]} and {false[1]}.\n")
+    print("| | virtual, mean ± sd | processes, mean ± sd | KS p | Mann-Whitney p |")
+    print("| --- | --- | --- | --- | --- |")
     for name in MEASURES:
         a, b = (np.array([r[name] for r in runs if r[name] is not None]) for runs in (virtual, processes))
         cells = [f"{x.mean():.2f} ± {x.std(ddof=1):.2f}" for x in (a, b)]
         print(
-            f"| {name} | {' | '.join(cells)} | {ks_2samp(a, b).pvalue:.2f} | {mannwhitneyu(a, b).pvalue:.2f} |"
+            f"| {name} | {' | '.join(cells)} "
+            f"| {ks_2samp(a, b).pvalue:.2f} | {mannwhitneyu(a, b).pvalue:.2f} |"
         )
 
 

@@ -214,9 +214,7 @@ def test_a_robot_whose_plan_is_unknown_is_planned_around_where_it_stands() -> No
 def test_sets_are_offered_again_until_the_watermark_covers_them() -> None:
     stage = Stage()
     stage.run_until(2.5)
-    sequences = [
-        a.message.sequence for _, a in stage.history if isinstance(a, Publish) and a.topic is SET
-    ]
+    sequences = [a.message.sequence for _, a in stage.history if isinstance(a, Publish) and a.topic is SET]
     assert sequences == [0, 1, 0, 1, 2]  # at 2 s the old ones are offered before the third is taken
     stage.step(Heard(POSTERIOR, posterior(r1_b1=Watermark(upto=2))))
     assert len(stage.robot.unacknowledged) == 0
@@ -239,12 +237,12 @@ def test_a_device_with_its_own_times_is_asked_at_those() -> None:
     assert stage.captures() == []
     stage.now = 0.31
     (asked,) = [
-        a
-        for a in stage.robot.step(stage.now, stage.body.state(stage.now), [])
-        if isinstance(a, Measure)
+        a for a in stage.robot.step(stage.now, stage.body.state(stage.now), []) if isinstance(a, Measure)
     ]
     assert asked.deadline == 0.3
-    stage.robot.step(stage.now, stage.body.state(stage.now), [Measured(0.3, np.zeros(4), np.zeros((0, 2)), 0.5)])
+    stage.robot.step(
+        stage.now, stage.body.state(stage.now), [Measured(0.3, np.zeros(4), np.zeros((0, 2)), 0.5)]
+    )
     assert stage.robot.state == "replaying"
     assert stage.robot.next_wake() <= 0.5
     assert not stage.of(RequestPlan)

@@ -54,7 +54,13 @@ ROBOT = """
 id = "r{i}"
 start = [{x}, {y}, {z}]
 vehicle = {{ kind = "quadrotor", speed_m_s = 10.0, acceleration_m_s2 = 5.0 }}
-sensor = {{ kind = "range_bearing", period_s = 1.0, reach_m = [15, 15], range_sigma_m = 0.7, bearing_sigma_deg = 0.5 }}
+
+[robots.sensor]
+kind = "range_bearing"
+period_s = 1.0
+reach_m = [15, 15]
+range_sigma_m = 0.7
+bearing_sigma_deg = 0.5
 """
 STARTS = [(5, 5, 5), (115, 5, 10), (115, 115, 15)]
 
@@ -76,7 +82,18 @@ def write_mission(directory: Path, *, duration: float = 120, restart: str = "nev
 
 
 def command(mission: Path, out: Path, *options: str) -> list[str]:
-    return [sys.executable, "-m", "agents.cli", "swarm", str(mission), "--out", str(out), "--view", "none", *options]
+    return [
+        sys.executable,
+        "-m",
+        "agents.cli",
+        "swarm",
+        str(mission),
+        "--out",
+        str(out),
+        "--view",
+        "none",
+        *options,
+    ]
 
 
 @contextmanager

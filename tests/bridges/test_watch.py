@@ -15,12 +15,12 @@ from agents import codec
 from agents.machine import Heard
 from agents.mission import LinkTable
 from agents.mission_file import load
+from agents.status_board import StatusBoard
 from agents.status_table import TeamStatus
 from agents.topics import POSE, TOPICS
 from agents.transport import Peer, PeerChange
 from bridges import watch
 from bridges.rerun_blueprint import EVENTS, FOUND
-from agents.status_board import StatusBoard
 from bridges.zenoh_router import Router
 from bridges.zenoh_transport import ZenohTransport
 from tests.bridges.rerun_story import Story, mission
