@@ -202,14 +202,14 @@ class Search(Generic[State]):
 def _apart(mean: FloatArray, spread: FloatArray, other: FloatArray, other_spread: FloatArray) -> float:
     """How many standard deviations two estimates (d,) with covariances (d, d) are apart (Mahalanobis)."""
     step = other - mean
-    return float(np.sqrt(step @ np.linalg.solve(spread + other_spread, step)))
+    return float(np.sqrt(step @ np.linalg.solve(_total(spread, other_spread), step)))
 
 
 def _together(
     mean: FloatArray, spread: FloatArray, other: FloatArray, other_spread: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Mean and covariance of one place of which there are two independent estimates."""
-    gain = np.linalg.solve(spread + other_spread, spread).T
+    gain = np.linalg.solve(_total(spread, other_spread), spread).T
     rest = spread - gain @ spread
     return mean + gain @ (other - mean), 0.5 * (rest + rest.T)
 
@@ -234,3 +234,9 @@ def _closest(found: FloatArray, places: FloatArray, gate: float) -> tuple[IntArr
             targets.append(i)
             taken.append(j)
     return np.array(targets, dtype=np.int64), np.array(taken, dtype=np.int64)
+
+
+def _total(spread: FloatArray, other: FloatArray) -> FloatArray:
+    """The sum of two covariances (d, d), made regular: those of a few particles may be flat."""
+    total = spread + other
+    return np.asarray(total + (1e-9 * np.trace(total) + 1e-300) * np.eye(len(total)))

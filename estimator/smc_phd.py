@@ -41,9 +41,11 @@ class SmcPhdConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     spawning_to: Positive = 3.0  # mass up to which a cluster spawns
     grid_points: list[Count] | None = None  # of the undetected intensity; default 33 x 33 or 17 x 17 x 17
     jitter: NonNegative = 0.5  # bandwidth of the regularisation, 1 is the normal rule, 0 is none
+    roughening: NonNegative = 0.0  # noise on copies after resampling, in standard deviations of a location
     cluster_cutoff_m: Positive | None = None  # default: 3 standard deviations of a measurement's location
     cluster_least_mass: Positive = 0.1
     cluster_separation: Positive = 3.0  # standard deviations at which two clusters are two
+    cluster_floor: NonNegative = 0.0  # width of a single particle, in standard deviations of a location
     stray_sigmas: NonNegative = 0.0  # stray particles this near to a removed cluster go with it
 
 
@@ -150,7 +152,12 @@ class SmcPhd:
         return state
 
     def clusters(self, state: SmcPhdState, rng: np.random.Generator) -> tuple[SmcPhdState, Clusters]:
-        """K-means of the particles; the state remembers labels and centres. Draws nothing."""
+        """K-means of the particles; the state remembers labels and centres. Draws nothing.
+
+        A few particles are narrower than what they stand for: with a `cluster_floor` f, covariances grow by
+        (f sigma)^2 / n, sigma the standard deviation of where measurements point and n the effective number
+        of the cluster's particles.
+        """
         cutoff = self.config.cluster_cutoff_m or state.reach
         if cutoff <= 0.0:
             return state, Clusters.none(state.positions.shape[0])
@@ -162,6 +169,9 @@ class SmcPhd:
             separation=self.config.cluster_separation,
             start=state.centres,
         )
+        if self.config.cluster_floor > 0.0:
+            effective = effective_sizes(state.weights, labels, found.masses.size)
+            found = _widened(found, (self.config.cluster_floor * state.reach / _REACH) ** 2 / effective)
         return replace(state, labels=labels, centres=found.means), found
 
     def remove(self, state: SmcPhdState, clusters: IntArray) -> SmcPhdState:
@@ -223,7 +233,8 @@ class SmcPhd:
         return self.resampled(state, rng)
 
     def resampled(self, state: SmcPhdState, rng: np.random.Generator) -> SmcPhdState:
-        """The same intensity in equal weights and other places: systematic, then jitter within clusters.
+        """The same intensity in equal weights and other places: systematic, then jitter within clusters, then
+        roughening of copies (Gordon, Salmond & Smith 1993), which also reaches what is in no cluster.
 
         A quarter of `particles` per expected target, at most `particles`.
         """
@@ -240,6 +251,10 @@ class SmcPhd:
             noise = rng.standard_normal(positions.shape)
             area = state.undetected.area
             jittered(positions, labels, effective, self.config.jitter, noise, area.low, area.high)
+        if self.config.roughening > 0.0:
+            step = self.config.roughening * state.reach / _REACH
+            copies = np.append(False, chosen[1:] == chosen[:-1])
+            positions += step * copies * rng.standard_normal(positions.shape)
         return replace(state, positions=positions, weights=np.full(count, mass / count), labels=labels)
 
     def _joined(
@@ -262,6 +277,14 @@ class SmcPhd:
             weights=np.concatenate([state.weights, weights]),
             labels=np.concatenate([state.labels, np.full(weights.size, -1)]),
         )
+
+
+def _widened(clusters: Clusters, variances: FloatArray) -> Clusters:
+    """Clusters (c) with isotropic variances (c,) added."""
+    d = clusters.means.shape[0]
+    covariances = clusters.covariances + variances[:, None, None] * np.eye(d)
+    radii = np.sqrt(np.trace(covariances, axis1=1, axis2=2) / d)
+    return Clusters(clusters.means, covariances, clusters.masses, radii)
 
 
 def _within(state: SmcPhdState, members: BoolArray, candidates: IntArray, sigmas: float) -> IntArray:

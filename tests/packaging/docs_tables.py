@@ -20,6 +20,7 @@ MISSION_TABLES: dict[str, type[msgspec.Struct]] = {
     "## Top level": mission.Mission,
     "## [area]": mission.AreaTable,
     "## [found]": mission.FoundTable,
+    "## [teammates]": mission.TeammatesTable,
     "## [exploration]": mission.ExplorationTable,
     "## [trigger]": mission.TriggerTable,
     "## [fusion]": mission.FusionTable,
