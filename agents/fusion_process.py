@@ -19,7 +19,7 @@ from agents.mission_file import mission_hash
 from agents.rehearsal import rehearse_fusion
 from agents.shell import HEALTH_PERIOD_S, Shell, run_until_done
 from agents.team import Team
-from agents.topics import HEALTH, SET, START
+from agents.topics import EVENT, HEALTH, PICTURE, POSTERIOR, SET, START
 from agents.transport import PeerChange
 
 NAME = "fusion"
@@ -50,6 +50,8 @@ async def _main(mission: Mission, path: Path, connect: Sequence[str], speed: flo
     with Ledger(path) as ledger:
         async with Shell(mission, "fusion", name, connect) as shell:
             shell.transport.subscribe(SET)
+            for topic in (START, POSTERIOR, PICTURE, HEALTH, EVENT):
+                shell.transport.prepare(topic)
             process = FusionProcess(shell, team, ledger, speed)
             await process.run()
     return 0

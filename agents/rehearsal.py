@@ -67,6 +67,11 @@ def rehearse_fusion(team: Team) -> None:
             drawn = sensor.sample(targets, pose, rng)
             measurements = drawn if len(drawn) else measurements
             state = search.apply(state, sensor, pose, measurements, 0.1 * attempt, rng)
+        # Once more without the search, which takes found targets out before their particles are resampled.
+        inner = search.filter.init(team.area, rng)
+        for _ in range(10):
+            inner = search.filter.update(inner, sensor, pose, measurements, rng)
+            inner, _ = search.filter.clusters(inner, rng)
         if len(team.sensor_models) > 4:
             break  # the kernels are the same; more sets only take more time
     search.thinned(state, 10)

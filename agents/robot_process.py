@@ -17,7 +17,7 @@ from agents.rehearsal import rehearse_robot
 from agents.robot import Robot, RobotSetup
 from agents.shell import HEALTH_PERIOD_S, Shell, run_until_done
 from agents.team import Team
-from agents.topics import HEALTH, PICTURE, PLAN, POSE, POSTERIOR, SET
+from agents.topics import EVENT, HEALTH, PICTURE, PLAN, POSE, POSTERIOR, SET
 from planner.plan import Plan, PlanProblem, TeamPlanner
 
 
@@ -46,6 +46,8 @@ async def _main(mission: Mission, robot_id: str, connect: Sequence[str]) -> int:
         for topic in (POSE, SET, PICTURE, POSTERIOR):
             shell.transport.subscribe(topic, urgent=False)
         shell.transport.subscribe(PLAN)
+        for topic in (POSE, SET, PLAN, HEALTH, EVENT):
+            shell.transport.prepare(topic)
         try:
             seed = await shell.join_team()
         except LinkError:

@@ -90,6 +90,9 @@ class Transport(ABC):
     def subscribe(self, topic: Topic, urgent: bool = True) -> None:
         """Receive the topic from all senders but oneself; what is not urgent waits without a `wake`."""
 
+    def prepare(self, topic: Topic) -> None:
+        """Make ready to publish the topic, so that its first message need not wait for that."""
+
     @abstractmethod
     def publish(self, topic: Topic, payload: bytes) -> None:
         """Send to all subscribers, under one's own id; never waits for them."""

@@ -141,16 +141,16 @@ class ZenohTransport(Transport):
         on_miss = zenoh.handlers.Callback(subscription.miss, indirect=False)
         self._kept += [subscriber, subscriber.sample_miss_listener(on_miss)]
 
+    def prepare(self, topic: Topic) -> None:
+        self._publisher(topic)
+
     def publish(self, topic: Topic, payload: bytes) -> None:
         """Send to all. What the topic calls too large, or comes after `close`, is counted and not sent."""
         if self._session is None or len(payload) > topic.max_bytes:
             self._unsent += 1
             return
         try:
-            publisher = self._publishers.get(topic.name)
-            if publisher is None:
-                publisher = self._publishers[topic.name] = self._declare_publisher(topic)
-            publisher.put(payload)
+            self._publisher(topic).put(payload)
         except zenoh.ZError as error:  # the session was closed under us; the user is leaving anyway
             self._unsent += 1
             _log.warning("%s was not sent: %s", topic.name, error)
@@ -193,6 +193,12 @@ class ZenohTransport(Transport):
         if self._session is None or self._me is None:
             raise RuntimeError("open the transport first")
         return self._session, self._me
+
+    def _publisher(self, topic: Topic) -> _Publisher:
+        publisher = self._publishers.get(topic.name)
+        if publisher is None:
+            publisher = self._publishers[topic.name] = self._declare_publisher(topic)
+        return publisher
 
     def _declare_publisher(self, topic: Topic) -> _Publisher:
         session, me = self._opened()
