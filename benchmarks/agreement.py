@@ -55,9 +55,8 @@ def main() -> None:
     processes = [in_processes(arguments.mission, seed, arguments.speed) for seed in seeds]
     found = [sum(r["all_found"] for r in runs) for runs in (virtual, processes)]
     false = [sum(r["false_found"] for r in runs) for runs in (virtual, processes)]
-    print(
-        f"{arguments.mission}, {len(seeds)} seeds. Runs that found all: virtual {found[0]}, processes {found[1]}."
-    )
+    print(f"{arguments.mission}, {len(seeds)} seeds.")
+    print(f"Runs that found all: virtual {found[0]}, processes {found[1]}.")
     print(f"False targets: {false[0]} and {false[1]}.\n")
     print("| | virtual, mean ± sd | processes, mean ± sd | KS p | Mann-Whitney p |")
     print("| --- | --- | --- | --- | --- |")
