@@ -179,7 +179,8 @@ class Search(Generic[State]):
         found, covariances = list(state.found.T), list(state.found_covariances)
         for c in np.flatnonzero(new):
             mean, covariance = clusters.means[:, c], clusters.covariances[c]
-            apart = [_apart(f, p, mean, covariance) for f, p in zip(found, covariances, strict=True)]
+            blurred = covariance + self.blur**2 * np.eye(len(mean))
+            apart = [_apart(f, p, mean, blurred) for f, p in zip(found, covariances, strict=True)]
             nearest = int(np.argmin(apart)) if apart else -1
             if nearest >= 0 and apart[nearest] < self.same:
                 found[nearest], covariances[nearest] = _together(

@@ -95,3 +95,16 @@ def test_what_is_further_away_than_noise_explains_is_another_target() -> None:
 
 def test_by_default_every_narrow_and_heavy_cluster_is_a_new_target() -> None:
     assert found_of(0.0, *[cluster((50.0, 50.0))] * 3).found.shape == (2, 3)
+
+
+@pytest.mark.parametrize(("blur", "found"), [(0.0, 2), (2.0, 1)])
+def test_blurred_measurements_make_a_found_target_of_few_sigmas_one_with_its_double(
+    blur: float, found: int
+) -> None:
+    clusters = [cluster((50.0, 50.0), variance=(0.01, 0.01)), cluster((52.0, 51.0), variance=(0.01, 0.01))]
+    search = Search(Scripted(*clusters), AREA, [5, 5], radius=1.0, mass=0.5, gate=1.0, same=3.0, blur=blur)
+    rng = np.random.default_rng(0)
+    state = search.init(rng)
+    for time in (0.0, 1.0):
+        state = search.apply(state, SENSOR, POSE, np.zeros((0, 2)), time, rng)
+    assert state.found.shape[1] == found
