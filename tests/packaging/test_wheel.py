@@ -80,3 +80,13 @@ def test_an_unknown_mission_names_the_installed_examples(clean: Path, tmp_path: 
     done = run(clean / "searchparty", "check", "quickstrat", cwd=tmp_path)
     assert done.returncode == 2
     assert "nearest is quickstart" in done.stderr
+
+
+@pytest.mark.processes
+@pytest.mark.timeout(580)  # its kernels are compiled anew
+def test_an_installed_example_finds_its_targets_outside_the_checkout(clean: Path, tmp_path: Path) -> None:
+    options = ("--speed", "4", "--view", "none", "--out", tmp_path / "run")
+    done = run(clean / "searchparty", "swarm", "quickstart", *options, cwd=tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "12 of 12 targets found" in done.stdout
+    assert (tmp_path / "run" / "summary.json").exists()
