@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from planner.trigger import worth_measuring
 
 from agents.belief import Belief
 from agents.devices import VehicleState
@@ -39,6 +38,7 @@ from agents.transport import PeerChange
 from agents.unacknowledged import Unacknowledged
 from estimator.sensor import SensorModel
 from planner.plan import Commitment, Plan, PlanProblem, Trajectory, VehicleModel
+from planner.trigger import worth_measuring
 
 LATE_FACTOR = 1.5  # a trajectory that takes this much longer than planned is given up
 RETRY_S = 1.0  # after a plan that holds, the next is asked for this much later
@@ -88,7 +88,8 @@ class Robot:
         self._conditioned_on: dict[str, int] = {}
         self._plan_version = -1
         self._replanned_for = -1  # the version that was already replanned on a conflict
-        self._measure_at = now if setup.first_capture is None else setup.first_capture
+        # Were all to measure at once, each set would wait for the others'; nothing is gained by it.
+        self._measure_at = self._plan_at if setup.first_capture is None else setup.first_capture
         self._imposed = True  # the next measurement is at a waypoint and is always taken
         self._pose_at = now
         self._body: VehicleState | None = None

@@ -109,9 +109,12 @@ class RobotProcess:
         if isinstance(action, Publish):
             self._shell.publish(action.topic, action.message)
         elif isinstance(action, RequestPlan):
-            loop = asyncio.get_running_loop()
-            future = loop.run_in_executor(self._pool, self._plan, action.problem)
-            future.add_done_callback(partial(self._planned, action.number))
+            # A set taken at the same instant is sent before the planner competes with that for the GIL.
+            asyncio.get_running_loop().call_soon(self._begin_plan, action)
+
+    def _begin_plan(self, request: RequestPlan) -> None:
+        future = asyncio.get_running_loop().run_in_executor(self._pool, self._plan, request.problem)
+        future.add_done_callback(partial(self._planned, request.number))
 
     def _plan(self, problem: PlanProblem) -> Plan:
         began = time.perf_counter()
