@@ -23,6 +23,7 @@ from agents.topics import EVENT, HEALTH, PICTURE, POSTERIOR, SET, START
 from agents.transport import PeerChange
 
 NAME = "fusion"
+BATCH = 64  # events in one step: a long backlog is acknowledged piece by piece
 START_DELAY_S = 0.5  # from the start message to team time 0, so that all hear of it before
 
 
@@ -80,8 +81,9 @@ class FusionProcess:
         shell.every(HEALTH_PERIOD_S, self._publish_start)
         shell.every(HEALTH_PERIOD_S, self._publish_health)
         while not shell.stopping:
-            self._step(self._early + shell.events())
-            self._early = []
+            events, self._early = self._early + shell.events(), []
+            for first in range(0, max(1, len(events)), BATCH):
+                self._step(events[first : first + BATCH])
             await shell.sleep_until(self._fusion.next_wake())
         self._step(shell.events())
         self._publish_health()

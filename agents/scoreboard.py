@@ -53,7 +53,7 @@ class Scoreboard:
 
     @property
     def all_found(self) -> bool:
-        """Whether every true target is matched by a found one."""
+        """Whether every true target is matched by a found one, as far as the newest posterior knows."""
         return self._all_found_at is not None
 
     @property
@@ -82,7 +82,9 @@ class Scoreboard:
             self._matches = len(pairs)
             self._matched_for = message.found
         self._curve.append((message.time, message.applied, self._matches, message.expected_cardinality))
-        if self._all_found_at is None and self.targets_total and self._matches == self.targets_total:
+        if self._matches < self.targets_total or not self.targets_total:
+            self._all_found_at = None  # a late set may take a finding back
+        elif self._all_found_at is None:
             self._all_found_at = message.time
             self._applied_at_all_found = message.applied
 
@@ -140,7 +142,7 @@ class Scoreboard:
             "all_found": self.all_found,
             "time_to_all_found_s": self._all_found_at,
             "measurement_sets": self.measurement_sets,
-            "measurements_to_all_found": self._applied_at_all_found,
+            "measurements_to_all_found": self._applied_at_all_found if self.all_found else None,
             "rmse_m": float(np.sqrt(np.mean(errors**2))) if errors.size else None,
             "max_error_m": float(errors.max()) if errors.size else None,
             "gospa": score.total,

@@ -117,7 +117,9 @@ class Swarm:
             live.update(self._table())
             if self._started and shell.clock.now() >= mission.duration_s:
                 return
-            if self._scoreboard.all_found and mission.stop_when_all_found and end_at is None:
+            if not (self._scoreboard.all_found and mission.stop_when_all_found):
+                end_at = None  # also when a late set took a finding back
+            elif end_at is None:
                 end_at = time.monotonic() + GRACE_S
             if end_at is not None and time.monotonic() >= end_at:
                 return

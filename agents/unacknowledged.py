@@ -5,6 +5,8 @@ from agents.watermark import source, uncovered
 
 BATCH = 64  # sets offered again in one go, so that a healed network is not flooded
 
+LONGEST = 8.0  # times the mission's reoffer_after_s, between two offers
+
 
 class Unacknowledged:
     """Sets in the order they were taken."""
@@ -15,6 +17,7 @@ class Unacknowledged:
         self._sets: dict[int, MeasurementSetMessage] = {}
         self._offer_at: float = float("inf")
         self._newest: float = 0.0
+        self._wait = reoffer_after  # grows while nobody acknowledges: whoever is slow is not to be flooded
         self.reoffered = 0
 
     def __repr__(self) -> str:
@@ -38,6 +41,7 @@ class Unacknowledged:
             return
         self._sets = {number: self._sets[number] for number in remaining}
         # Progress: the rest is given its time anew before it is offered again.
+        self._wait = self._reoffer_after
         self._offer_at = self._newest + self._reoffer_after if self._sets else float("inf")
 
     def next_offer(self) -> float:
@@ -48,7 +52,8 @@ class Unacknowledged:
         """Sets to be sent again now, oldest first."""
         if now < self._offer_at:
             return []
-        self._offer_at = now + self._reoffer_after
+        self._wait = min(2.0 * self._wait, LONGEST * self._reoffer_after)
+        self._offer_at = now + self._wait
         batch = [s for s in self._sets.values() if s.time <= now - 0.5 * self._reoffer_after][:BATCH]
         self.reoffered += len(batch)
         return batch

@@ -123,9 +123,14 @@ class Engine:
         self.scoreboard.hear(Heard(TOPICS[topic.name], message), now)
         if self._record is not None:
             self._record(topic, message)
-        if isinstance(message, PosteriorMessage) and self._finished():
-            self._stop_at = min(self._stop_at, now + GRACE_S)
+        if isinstance(message, PosteriorMessage) and self.team.mission.stop_when_all_found:
+            self._stop_when_all_found(now)
         node.transport.publish(topic, payload)
 
-    def _finished(self) -> bool:
-        return self.team.mission.stop_when_all_found and self.scoreboard.all_found
+    def _stop_when_all_found(self, now: float) -> None:
+        """The end comes a little after all is found, unless a late set takes a finding back."""
+        end = self.team.mission.duration_s
+        if not self.scoreboard.all_found:
+            self._stop_at = end
+        elif self._stop_at == end:
+            self._stop_at = min(end, now + GRACE_S)

@@ -47,9 +47,19 @@ def test_sets_without_a_watermark_are_offered_again_until_they_have_one() -> Non
     waiting.add(measurement_set(0))
     assert waiting.due(1.9) == []
     assert [s.sequence for s in waiting.due(2.0)] == [0]
-    assert waiting.due(2.1) == []
-    assert [s.sequence for s in waiting.due(4.0)] == [0]
+    assert waiting.due(5.9) == []
+    assert [s.sequence for s in waiting.due(6.0)] == [0]
     assert waiting.reoffered == 2
+
+
+def test_offers_come_ever_more_rarely_while_nobody_answers_and_soon_again_once_someone_does() -> None:
+    waiting = Unacknowledged("b1", 2.0)
+    waiting.add(measurement_set(0))
+    offers = [now for now in range(100) if waiting.due(float(now))]
+    assert offers == [2, 6, 14, 30, 46, 62, 78, 94]
+    waiting.add(measurement_set(100))
+    waiting.acknowledge("r1", posterior(r1_b1=Watermark(upto=0)))
+    assert waiting.next_offer() == 102.0
 
 
 def test_a_long_silence_is_offered_again_in_batches() -> None:
