@@ -35,7 +35,7 @@ class Scoreboard:
     _separation: float = float("inf")
     _all_found_at: float | None = None
     _applied_at_all_found: int | None = None
-    _curve: list[tuple[float, int, int, float]] = field(default_factory=list)
+    _curve: list[tuple[float, int, int, float, FloatArray]] = field(default_factory=list)
     _matched_for: FloatArray | None = None
     _matches: int = 0
 
@@ -81,7 +81,9 @@ class Scoreboard:
             pairs = matched(self.world.targets(now), message.found, self.mission.match_m)
             self._matches = len(pairs)
             self._matched_for = message.found
-        self._curve.append((message.time, message.applied, self._matches, message.expected_cardinality))
+        self._curve.append(
+            (message.time, message.applied, self._matches, message.expected_cardinality, message.found)
+        )
         if self._matches < self.targets_total or not self.targets_total:
             self._all_found_at = None  # a late set may take a finding back
         elif self._all_found_at is None:
@@ -161,21 +163,23 @@ class Scoreboard:
                 if "memory_mb" in message.gauges
             },
             "found": found.T.tolist(),
-            "curve": _thinned(self._curve),
+            "curve": self._thinned_curve(),
         }
+
+    def _thinned_curve(self) -> Mapping[str, list[float]]:
+        """The course of the search at every change of the found targets and about 200 other moments."""
+        stride = max(1, len(self._curve) // 200)
+        kept = [
+            row
+            for i, row in enumerate(self._curve)
+            if i % stride == 0 or i == len(self._curve) - 1 or row[2] != self._curve[i - 1][2]
+        ]
+        names = ("time_s", "sets_applied", "targets_found", "expected_cardinality")
+        course = {name: [float(row[i]) for row in kept] for i, name in enumerate(names)}
+        cutoff = self.mission.gospa_c_m
+        course["gospa"] = [gospa(self.world.targets(row[0]), row[4], c=cutoff, p=2.0).total for row in kept]
+        return course
 
 
 def _percentiles(histogram: Histogram) -> dict[str, float | None]:
     return {"p50": histogram.percentile(50.0), "p99": histogram.percentile(99.0)}
-
-
-def _thinned(curve: list[tuple[float, int, int, float]]) -> Mapping[str, list[float]]:
-    """The course of the search at every change of the found targets and about 200 other moments."""
-    stride = max(1, len(curve) // 200)
-    kept = [
-        row
-        for i, row in enumerate(curve)
-        if i % stride == 0 or i == len(curve) - 1 or row[2] != curve[i - 1][2]
-    ]
-    names = ("time_s", "sets_applied", "targets_found", "expected_cardinality")
-    return {name: [float(row[i]) for row in kept] for i, name in enumerate(names)}

@@ -17,12 +17,14 @@ from agents.errors import MissionError
 from agents.ledger import Ledger
 from agents.mission import Mission
 from agents.mission_file import load
+from agents.rehearsal import rehearse_fusion, rehearse_robot
 from agents.run_directory import RunDirectory, write_json
 from agents.team import Team
 from sim.engine import Engine
 from sim.statistics import aggregate
 
 Summary = dict[str, Any]
+_rehearsed: list[bool] = []  # once per process
 
 _ROWS = (  # key of the aggregate, label, unit
     ("targets_found", "targets found", ""),
@@ -107,7 +109,12 @@ def run_one(mission: Mission, seed: int, out: Path | None = None) -> Summary:
         if out is not None:
             directory = RunDirectory.create(mission, out / f"seed-{seed}")
             ledger = stack.enter_context(Ledger(directory.ledger))
-        engine = Engine(Team.of(mission), seed, ledger=ledger)
+        team = Team.of(mission)
+        if not _rehearsed:  # the first run of a process would wait for its kernels to be loaded
+            rehearse_fusion(team)
+            rehearse_robot(team, mission.robots[0].id)
+            _rehearsed.append(True)
+        engine = Engine(team, seed, ledger=ledger)
         began = time.perf_counter()
         scoreboard = engine.run()
         wall = time.perf_counter() - began
