@@ -74,7 +74,7 @@ class Fusion:
     def restore(self, sets: Sequence[MeasurementSetMessage]) -> None:
         """Apply what an earlier life stored, in the order of its arrival."""
         for message in sets:
-            self._accept(message)
+            self._accept([message])
 
     def step(self, now: float, events: Sequence[Event]) -> list[Action]:
         """Take in what happened up to `now`; answer what to store and to publish, in order."""
@@ -96,8 +96,7 @@ class Fusion:
         if new:
             # Sets that came together are stored and shown together, each applied in its place.
             new.sort(key=lambda m: (m.time, m.sender, m.boot, m.sequence))
-            for message in new:
-                self._accept(message)
+            self._accept(new)
             actions += [Store(new), Publish(POSTERIOR, self._posterior())]
             actions += self._announce(now)
         if now >= self._picture_at:
@@ -118,20 +117,26 @@ class Fusion:
             return False
         return True
 
-    def _accept(self, message: MeasurementSetMessage) -> None:
-        self.applied.add(message)
-        key = (message.time, message.sender, message.boot, message.sequence)
-        arrival = self._timeline.insert(key, message)
-        if arrival is Arrival.TOO_LATE:
-            if self._mission.fusion.late_sets == "expire":
-                self.counters["expired_sets"] += 1
-                return
-            self._timeline.append(message)
-        if arrival is not Arrival.IN_ORDER:
-            self.counters["late_sets"] += 1
-        self._sets += 1
-        self.counters["applied_sets"] = self._sets
-        self.counters["reapplied_sets"] = self._timeline.reapplied
+    def _accept(self, messages: Sequence[MeasurementSetMessage]) -> None:
+        """Apply sets in the ledger's order; behind the place of the first, all is applied again only once."""
+        timeline, counters = self._timeline, self.counters
+        items = []
+        for message in messages:
+            self.applied.add(message)
+            key = (message.time, message.sender, message.boot, message.sequence)
+            if not timeline.too_late(key):
+                items.append((key, message))
+            elif self._mission.fusion.late_sets == "expire":
+                counters["expired_sets"] += 1
+            else:
+                timeline.append(message)
+                counters["late_sets"] += 1
+                self._sets += 1
+        for arrival in timeline.insert_all(items):
+            counters["late_sets"] += arrival is not Arrival.IN_ORDER
+        self._sets += len(items)
+        counters["applied_sets"] = self._sets
+        counters["reapplied_sets"] = timeline.reapplied
 
     def _posterior(self) -> PosteriorMessage:
         state = self._timeline.state

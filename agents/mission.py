@@ -36,6 +36,7 @@ class FoundTable(Strict, frozen=True, kw_only=True):
     mass: Positive = 0.8  # T_m
     gate_m: Positive = 5.0  # T_z
     same_sigmas: NonNegative = 0.0  # a cluster this near to a found target is that target; 0: never
+    period_s: NonNegative = 0.0  # clusters are looked for at most this often; 0: after every set
     blur_m: NonNegative = 0.0  # measurements of a found target are off by this beyond the sensor's noise
 
 

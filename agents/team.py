@@ -87,6 +87,7 @@ class Team:
             gate=found.gate_m,
             same=found.same_sigmas,
             blur=found.blur_m,
+            period=found.period_s,
             teammates=self._teammates(),
         )
 

@@ -6,7 +6,7 @@ within the window gives bit for bit the state of the right order.
 """
 
 from bisect import bisect_right
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from enum import Enum
 from typing import Generic, TypeVar
 
@@ -46,22 +46,41 @@ class Timeline(Generic[S, E]):
 
     def insert(self, key: Key, entry: E) -> Arrival:
         """Put an entry in its place; an entry older than the window is not applied."""
+        if self.too_late(key):
+            return Arrival.TOO_LATE
+        return self.insert_all([(key, entry)])[0]
+
+    def too_late(self, key: Key) -> bool:
+        """Whether a key lies before what can still be applied again."""
         if self._horizon is not None and key < self._horizon:
-            return Arrival.TOO_LATE
-        if self._keys and key[0] < self._keys[-1][0] - self._window:
-            return Arrival.TOO_LATE
-        place = bisect_right(self._keys, key)
-        self._keys.insert(place, key)
-        self._entries.insert(place, entry)
-        del self._states[place:]
+            return True
+        return bool(self._keys) and key[0] < self._keys[-1][0] - self._window
+
+    def insert_all(self, items: Sequence[tuple[Key, E]]) -> list[Arrival]:
+        """Put entries in their places, by growing key and none `too_late`, as `insert` would one by one.
+
+        What lies behind them is applied again once and not once for each.
+        """
+        if not items:
+            return []
+        newest = self._keys[-1] if self._keys else None
+        first = bisect_right(self._keys, items[0][0])
+        redone = len(self._keys) - first
+        for key, entry in items:
+            place = bisect_right(self._keys, key)
+            self._keys.insert(place, key)
+            self._entries.insert(place, entry)
+        del self._states[first:]
         state = self.state
-        for later in self._entries[place:]:
+        for later in self._entries[first:]:
             state = self._apply(state, later)
             self._states.append(state)
-        redone = len(self._entries) - place - 1
         self.reapplied += redone
         self._let_go()
-        return Arrival.ROLLED_BACK if redone else Arrival.IN_ORDER
+        return [
+            Arrival.ROLLED_BACK if newest is not None and key < newest else Arrival.IN_ORDER
+            for key, _ in items
+        ]
 
     def append(self, entry: E) -> None:
         """Apply an entry after everything else, wherever its time would put it."""

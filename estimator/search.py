@@ -34,6 +34,7 @@ class SearchState(Generic[State]):
     found_times: FloatArray  # (f,) s, when each was found
     exploration: Exploration
     sets: int  # applied so far
+    clustered: float  # s, when clusters were last looked for
     poses: Poses  # of each robot's last set, if teammates are expected to be seen
 
 
@@ -51,6 +52,7 @@ class Search(Generic[State]):
         gate: float,
         same: float = 0.0,
         blur: float = 0.0,
+        period: float = 0.0,
         teammates: Teammates | None = None,
     ) -> None:
         """`radius` T_r (m), `mass` T_m (targets) and `gate` T_z (m) of section 3.3.
@@ -59,6 +61,7 @@ class Search(Generic[State]):
         deviations from one found before: then it is that one, and refines it. With a `blur` (m), measurements
         of found targets are off by more than noise (calibration, poses): what is left of them next to a
         target is still explained by it. With `teammates`, robots expect to see each other.
+        Clusters are looked for at most once in `period` seconds; 0 is after every set.
         """
         self.filter = filter
         self.area = area
@@ -67,6 +70,7 @@ class Search(Generic[State]):
         self.gate = gate
         self.same = same
         self.blur = blur
+        self.period = period
         self.teammates = teammates
         self._unexplored = Exploration.unexplored(area, tuple(exploration_points))
 
@@ -85,6 +89,7 @@ class Search(Generic[State]):
             found_times=np.zeros(0),
             exploration=self._unexplored,
             sets=0,
+            clustered=-np.inf,
             poses=self.teammates.starts if self.teammates else {},
         )
 
@@ -128,16 +133,17 @@ class Search(Generic[State]):
         now = max(capture_time, state.time)
         inner = self.filter.predict(state.filter_state, now - state.time, rng)
         inner = self.filter.update(inner, sensor, pose, measurements, rng)
-        inner, clusters = self.filter.clusters(inner, rng)
         state = replace(
             state,
             time=now,
             filter_state=inner,
-            clusters=clusters,
             exploration=state.exploration.after(sensor, pose),
             sets=state.sets + 1,
         )
-        return self._with_new_found(state)
+        if now - state.clustered < self.period:
+            return state
+        inner, clusters = self.filter.clusters(inner, rng)
+        return self._with_new_found(replace(state, filter_state=inner, clusters=clusters, clustered=now))
 
     def expected_cardinality(self, state: SearchState[State]) -> float:
         """Mass of the intensity plus found targets."""

@@ -72,3 +72,24 @@ def test_memory_is_bounded_by_the_window() -> None:
         timeline.insert(key(float(t)), 1)
     assert timeline.state == 1000
     assert "kept=6" in repr(timeline)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_entries_put_in_together_give_the_state_of_one_by_one_with_less_done_again(seed: int) -> None:
+    draw = random.Random(seed)
+    entries = [(key(t / 4, draw.choice(["r1", "r2"]), t), str(t)) for t in range(60)]
+    draw.shuffle(entries)
+    together, single = Timeline((), note, 6.0), Timeline((), note, 6.0)
+    while entries:
+        batch = sorted(entries[:9])
+        entries = entries[9:]
+        for k, entry in batch:
+            if single.insert(k, entry) is Arrival.TOO_LATE:
+                single.append(entry)
+        late = [entry for k, entry in batch if together.too_late(k)]
+        items = [(k, entry) for k, entry in batch if not together.too_late(k)]
+        for entry in late:
+            together.append(entry)
+        together.insert_all(items)
+        assert together.state == single.state
+    assert together.reapplied < single.reapplied
