@@ -24,6 +24,7 @@ from agents.transport import PeerChange
 
 NAME = "fusion"
 BATCH = 64  # events in one step: a long backlog is acknowledged piece by piece
+LINGER_S = 0.25  # robots that end with the fusion may have sent a set just before
 START_DELAY_S = 0.5  # from the start message to team time 0, so that all hear of it before
 
 
@@ -85,7 +86,10 @@ class FusionProcess:
             for first in range(0, max(1, len(events)), BATCH):
                 self._step(events[first : first + BATCH])
             await shell.sleep_until(self._fusion.next_wake())
-        self._step(shell.events())
+        until = time.monotonic() + LINGER_S
+        while time.monotonic() < until:
+            self._step(shell.events())
+            await asyncio.sleep(0.02)
         self._publish_health()
 
     async def _start_team(self) -> bool:
