@@ -59,6 +59,8 @@ def test_swarm_16(benchmark: Any, quick: bool, tmp_path: Path) -> None:
         note="sets lost on the way or not applied",
         more={
             "sets": summary["measurement_sets"],
+            "not in the ledger": run.lost,
+            "not applied": summary["messages"]["sets_not_applied"],
             "lateness p99 ms": summary["measure_clock_lateness_ms"]["p99"],
             "capture to posterior p50 ms": summary["capture_to_posterior_ms"]["p50"],
             "capture to posterior p99 ms": summary["capture_to_posterior_ms"]["p99"],

@@ -30,9 +30,10 @@ def number(value: float | None) -> str:
 
 def table(figures: Iterable[Figure]) -> Table:
     """For people at a terminal."""
-    shown = Table(title="figures")
+    shown = Table(title="figures", padding=(0, 1, 0, 0))
     for heading in _HEADINGS[:5]:
-        shown.add_column(heading, justify="right" if heading in ("measured", "asked") else "left")
+        right = heading in ("measured", "asked")
+        shown.add_column(heading, justify="right" if right else "left", no_wrap=heading == "figure" or right)
     for figure in figures:
         cells = _cells(figure)
         colour = {"yes": "green", "no": "red"}.get(cells[3])

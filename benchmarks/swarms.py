@@ -16,7 +16,7 @@ from typing import Any
 import tomli_w
 
 SIDE_M = 600.0
-START_UP_S = 40.0
+START_UP_S = 120.0
 LEG_M = 30.0
 
 
