@@ -15,6 +15,9 @@ from estimator.sensor import Look, SensorModel, checked_points
 
 # Gauss-Hermite of three nodes: exact for polynomials up to degree five of a normal variable.
 _NODES = ((-np.sqrt(3.0), 1.0 / 6.0), (0.0, 2.0 / 3.0), (np.sqrt(3.0), 1.0 / 6.0))
+_CORNERS = {d: list(product(_NODES, repeat=d)) for d in (2, 3)}
+_STENCILS = {d: np.array([[node for node, _ in corner] for corner in c]).T for d, c in _CORNERS.items()}
+_SHARES = {d: np.array([np.prod([w for _, w in corner]) for corner in c]) for d, c in _CORNERS.items()}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,7 +82,22 @@ class WithKnown:
         """Points (d, k 3^d) that stand for the objects' positions, and their rates."""
         d = self.dimension
         positions = checked_points(self.positions, d)
-        stencil = np.array([[node for node, _ in corner] for corner in product(_NODES, repeat=d)])
-        shares = np.array([np.prod([w for _, w in corner]) for corner in product(_NODES, repeat=d)])
-        nodes = positions[:, :, None] + self.spread[None, :, None] * stencil.T[:, None, :]
-        return np.ascontiguousarray(nodes.reshape(d, -1)), np.outer(self.rates, shares).ravel()
+        nodes = positions[:, :, None] + self.spread[None, :, None] * _STENCILS[d][:, None, :]
+        return np.ascontiguousarray(nodes.reshape(d, -1)), np.outer(self.rates, _SHARES[d]).ravel()
+
+
+def with_known(
+    sensor: SensorModel, positions: FloatArray, spread: FloatArray, rates: FloatArray
+) -> SensorModel:
+    """The sensor with more known objects, all in one `WithKnown`, so that each is looked at once."""
+    if positions.shape[1] == 0:
+        return sensor
+    if isinstance(sensor, WithKnown):
+        positions = np.concatenate([sensor.positions, positions], axis=1)
+        spread, rates = np.append(sensor.spread, spread), np.append(sensor.rates, rates)
+    return WithKnown(bare(sensor), np.ascontiguousarray(positions), spread, rates)
+
+
+def bare(sensor: SensorModel) -> SensorModel:
+    """The sensor without known objects, for where its clutter does not matter."""
+    return sensor.sensor if isinstance(sensor, WithKnown) else sensor

@@ -13,7 +13,7 @@ import numpy as np
 from estimator.arrays import BoolArray, FloatArray, IntArray
 from estimator.exploration import Exploration
 from estimator.filter import Area, Clusters, Filter
-from estimator.known import WithKnown
+from estimator.known import bare, with_known
 from estimator.sensor import SensorModel, checked_poses, validated
 from estimator.teammates import Poses, Teammates
 
@@ -129,7 +129,7 @@ class Search(Generic[State]):
             rates = sensor.detection(places, pose[None, :])[0]
             if self.blur > 0.0:  # makes up for the lower peak
                 rates = np.ones_like(rates)
-            sensor = WithKnown(sensor, places, np.sqrt(variances + self.blur**2), rates)
+            sensor = with_known(sensor, places, np.sqrt(variances + self.blur**2), rates)
         now = max(capture_time, state.time)
         inner = self.filter.predict(state.filter_state, now - state.time, rng)
         inner = self.filter.update(inner, sensor, pose, measurements, rng)
@@ -137,7 +137,7 @@ class Search(Generic[State]):
             state,
             time=now,
             filter_state=inner,
-            exploration=state.exploration.after(sensor, pose),
+            exploration=state.exploration.after(bare(sensor), pose),
             sets=state.sets + 1,
         )
         if now - state.clustered < self.period:
@@ -246,4 +246,5 @@ def _closest(found: FloatArray, places: FloatArray, gate: float) -> tuple[IntArr
 def _total(spread: FloatArray, other: FloatArray) -> FloatArray:
     """The sum of two covariances (d, d), made regular: those of a few particles may be flat."""
     total = spread + other
-    return np.asarray(total + (1e-9 * np.trace(total) + 1e-300) * np.eye(len(total)))
+    total.ravel()[:: len(total) + 1] += 1e-9 * float(total.trace()) + 1e-300
+    return total

@@ -108,7 +108,8 @@ class SmcPhd:
         survival = config.survival**duration
         return replace(
             state,
-            weights=state.weights * (survival * self._growth(state, duration)),
+            weights=state.weights
+            * (survival * self._growth(state, duration) if config.spawning else survival),
             undetected=state.undetected.later(survival, config.birth * duration),
         )
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.arrays import FloatArray
-from estimator.known import WithKnown
+from estimator.known import with_known
 from estimator.sensor import SensorModel
 
 Poses = Mapping[str, FloatArray]  # by robot, (4,)
@@ -34,9 +34,6 @@ class Teammates:
         if not others or self.rate == 0.0:
             return sensor
         count = len(others)
-        return WithKnown(
-            sensor,
-            np.ascontiguousarray(np.stack(others, axis=1)),
-            np.full(count, self.spread),
-            np.full(count, self.rate),
+        return with_known(
+            sensor, np.stack(others, axis=1), np.full(count, self.spread), np.full(count, self.rate)
         )

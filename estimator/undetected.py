@@ -18,6 +18,7 @@ from estimator.exploration import undetected
 from estimator.filter import Area
 from estimator.grid import interpolate, node_volumes, nodes
 from estimator.kernels import kernel
+from estimator.known import bare
 from estimator.sensor import SensorModel
 
 _SPREAD = (
@@ -164,7 +165,7 @@ def _evaluated(
     points = np.empty((units.shape[0], owners.size))
     shares = np.empty(owners.size)
     _propose(centres, factors, owners, units, points, shares)
-    look = sensor.look(points, pose, measurements)
+    look = bare(sensor).look(points, pose, measurements)
     shares *= prior.at(points)
     own = np.zeros(owners.size)
     _pick(look.offsets, look.indices, look.likelihood, look.detection, owners, own)
