@@ -29,6 +29,7 @@ class Lqr:
 @cache
 def lqr(period: float) -> Lqr:
     """Solve the Riccati equations of the chains; they share no state, input or weight, so it is exact."""
+
     def gain(a: FloatArray, b: FloatArray, weights: list[float], weight: float) -> FloatArray:
         r = np.array([[weight]])
         p = riccati(a, b, np.diag(weights), r)
