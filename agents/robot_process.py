@@ -72,6 +72,10 @@ class RobotProcess:
         world = team.world(seed)
         vehicle = team.vehicle(robot_id, seed, world, now=now, speed=shell.clock.speed)
         sensor = team.sensor(robot_id, seed, world, now=now, speed=shell.clock.speed)
+        if vehicle.follows_plans:  # who does not plan need not know what the others do
+            for topic in (POSE, SET, PICTURE):
+                shell.transport.subscribe(topic, urgent=False)
+            shell.transport.subscribe(PLAN)
         setup = RobotSetup(
             mission=team.mission,
             robot=robot_id,
