@@ -2,8 +2,6 @@
 
 from typing import Any
 
-from planner.unicycle import Unicycle
-
 from agents.devices import DeviceContext, Sensor, Vehicle
 from agents.seeds import generator
 from estimator.filter import Area
@@ -11,6 +9,7 @@ from estimator.range_bearing import RangeBearing
 from estimator.sensor import SensorModel
 from planner.plan import VehicleModel
 from planner.quadrotor import Quadrotor
+from planner.unicycle import Unicycle
 from sim.sensor import SimulatedSensor
 from sim.vehicle import SimulatedVehicle
 
