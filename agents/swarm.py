@@ -91,6 +91,7 @@ class Swarm:
         self._board = StatusBoard(team.mission)
         self._started = False
         self._ending = False
+        self._deaths: list[str] = []
 
     async def run(self) -> int:
         """Until all is found, the time is up, or someone asks to end; then the summary."""
@@ -161,6 +162,7 @@ class Swarm:
             )
             after = "will be started again" if status.state is State.WAITING else "the others go on"
             news = f"{status.name} died ({how}); {after}"
+            self._deaths.append(news)
             self._board.note(news)
             header = self._shell.stamp.header(EVENT, self._shell.clock.now())
             self._shell.publish(EVENT, EventMessage(**header, level="warning", text=news))
@@ -204,6 +206,8 @@ class Swarm:
         console, total = self._console, summary["targets_total"]
         if not console.is_terminal:
             console.print()  # the table's last line is left open there
+        for news in self._deaths:
+            console.print(news, soft_wrap=True)
         found = f"{summary['targets_found']} of {total} targets found"
         if summary["all_found"]:
             console.print(
