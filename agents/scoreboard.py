@@ -14,7 +14,7 @@ from agents.machine import Heard
 from agents.messages import HealthMessage, MeasurementSetMessage, PoseMessage, PosteriorMessage
 from agents.mission import Mission
 from estimator.arrays import FloatArray
-from estimator.metrics import gospa, matched
+from estimator.metrics.gospa import gospa, matched
 
 COUNTS = ("published", "received", "rejected", "lost", "duplicate", "late")
 

@@ -16,7 +16,7 @@ from agents.tables import convert
 from estimator.filter import Area, Filter
 from estimator.search import Search
 from estimator.sensor import SensorModel
-from estimator.teammates import Teammates
+from estimator.sensors.teammates import Teammates
 from planner.plan import Planner, PlannerSetup, VehicleModel
 
 

@@ -45,7 +45,7 @@ def _stamp() -> Path:
     """The file that stands for kernels of this code, numba, Python and machine."""
     here = Path(__file__).resolve().parent.parent
     digest = hashlib.sha256(f"{version('numba')} {platform.python_version()} {platform.node()}".encode())
-    for path in sorted([*here.glob("estimator/*.py"), *here.glob("planner/*.py")]):
+    for path in sorted([*here.glob("estimator/**/*.py"), *here.glob("planner/**/*.py")]):
         digest.update(path.read_bytes())
     cache = os.environ.get("NUMBA_CACHE_DIR")
     directory = Path(cache) if cache else here / "estimator" / "__pycache__"

@@ -8,9 +8,9 @@ import numpy as np
 
 from estimator.arrays import FloatArray
 from estimator.filter import Area
-from estimator.kmeans import kmeans
-from estimator.range_bearing import RangeBearing
-from estimator.smc_phd import SmcPhd, SmcPhdState
+from estimator.sensors.range_bearing import RangeBearing
+from estimator.smc.kmeans import kmeans
+from estimator.smc.smc_phd import SmcPhd, SmcPhdState
 
 SIDE, TARGETS, SIGMA = 200.0, 12, 0.5
 AREA = Area(np.zeros(2), np.full(2, SIDE))

@@ -6,8 +6,8 @@ import numpy as np
 
 from estimator.exploration import Exploration
 from estimator.filter import Area
-from estimator.kmeans import kmeans
-from estimator.range_bearing import RangeBearing
+from estimator.sensors.range_bearing import RangeBearing
+from estimator.smc.kmeans import kmeans
 from planner.candidates import CandidateGrid
 from planner.maasi import Maasi
 from planner.maasi_joint import MaasiJoint

@@ -17,8 +17,8 @@ from agents.errors import MissionError
 from bridges.mrclam import Camera, Frames, Track, read_frames, read_landmarks, read_track
 from estimator.arrays import Count, FloatArray, NonNegative, Positive
 from estimator.filter import Area
-from estimator.range_bearing import RangeBearing, RangeBearingConfig
 from estimator.sensor import SensorModel
+from estimator.sensors.range_bearing import RangeBearing, RangeBearingConfig
 from planner.plan import Trajectory, VehicleModel
 from planner.unicycle import Unicycle
 

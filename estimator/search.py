@@ -13,9 +13,9 @@ import numpy as np
 from estimator.arrays import BoolArray, FloatArray, IntArray
 from estimator.exploration import Exploration
 from estimator.filter import Area, Clusters, Filter
-from estimator.known import bare, with_known
 from estimator.sensor import SensorModel, checked_poses, validated
-from estimator.teammates import Poses, Teammates
+from estimator.sensors.known import bare, with_known
+from estimator.sensors.teammates import Poses, Teammates
 
 State = TypeVar("State")
 

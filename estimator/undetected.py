@@ -18,8 +18,8 @@ from estimator.exploration import undetected
 from estimator.filter import Area
 from estimator.grid import interpolate, node_volumes, nodes
 from estimator.kernels import kernel
-from estimator.known import bare
 from estimator.sensor import SensorModel
+from estimator.sensors.known import bare
 
 _SPREAD = (
     1.25  # proposals are this much wider than the measurement's own covariance, so that no tail is missed

@@ -6,10 +6,10 @@ from functools import partial
 import numpy as np
 
 from estimator.filter import Area
-from estimator.kmeans import kmeans
-from estimator.range_bearing import RangeBearing, RangeBearingConfig
 from estimator.search import Search
-from estimator.smc_phd import SmcPhd, SmcPhdConfig
+from estimator.sensors.range_bearing import RangeBearing, RangeBearingConfig
+from estimator.smc.kmeans import kmeans
+from estimator.smc.smc_phd import SmcPhd, SmcPhdConfig
 
 _SHAPES = ("exponential", "box", "sector")
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from estimator.exploration import Exploration
 from estimator.filter import Area
-from estimator.range_bearing import RangeBearing
+from estimator.sensors.range_bearing import RangeBearing
 from planner.candidates import CandidateGrid
 from planner.maasi import Maasi
 from planner.maasi_joint import MaasiJoint

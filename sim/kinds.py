@@ -5,8 +5,8 @@ from typing import Any
 from agents.devices import DeviceContext, Sensor, Vehicle
 from agents.seeds import generator
 from estimator.filter import Area
-from estimator.range_bearing import RangeBearing
 from estimator.sensor import SensorModel
+from estimator.sensors.range_bearing import RangeBearing
 from planner.plan import VehicleModel
 from planner.quadrotor import Quadrotor
 from planner.unicycle import Unicycle

@@ -40,7 +40,9 @@ def test_only_bridges_know_the_outside_world(path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "path", [p for p in FILES if p.parts[-2] in ("estimator", "planner")], ids=lambda p: p.name
+    "path",
+    [p for p in FILES if p.relative_to(ROOT).parts[0] in ("estimator", "planner")],
+    ids=lambda p: str(p.relative_to(ROOT)),
 )
 def test_pure_rooms_read_no_clock_and_print_nothing(path: Path) -> None:
     assert not imported(path) & {"time", "logging", "asyncio", "socket", "threading", "random"}

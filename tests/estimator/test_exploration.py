@@ -5,7 +5,7 @@ import pytest
 
 from estimator.exploration import Exploration
 from estimator.filter import Area
-from estimator.range_bearing import RangeBearing
+from estimator.sensors.range_bearing import RangeBearing
 
 AREA = Area(np.array([0.0, -10.0]), np.array([40.0, 30.0]))
 SENSOR = RangeBearing.of(

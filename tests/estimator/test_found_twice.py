@@ -5,9 +5,9 @@ import pytest
 
 from estimator.arrays import FloatArray, IntArray
 from estimator.filter import Area, Clusters
-from estimator.range_bearing import RangeBearing
 from estimator.search import Search, SearchState
 from estimator.sensor import SensorModel
+from estimator.sensors.range_bearing import RangeBearing
 
 AREA = Area(np.zeros(2), np.full(2, 100.0))
 SENSOR = RangeBearing.of(

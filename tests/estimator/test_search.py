@@ -7,9 +7,9 @@ import pytest
 
 from estimator.arrays import FloatArray
 from estimator.filter import Area
-from estimator.range_bearing import RangeBearing
 from estimator.search import Search, SearchState
-from estimator.smc_phd import SmcPhd, SmcPhdState
+from estimator.sensors.range_bearing import RangeBearing
+from estimator.smc.smc_phd import SmcPhd, SmcPhdState
 
 AREA = Area(np.zeros(2), np.full(2, 100.0))
 SENSOR = RangeBearing.of(

@@ -5,7 +5,7 @@ import pytest
 
 from estimator.arrays import FloatArray
 from estimator.filter import Area
-from estimator.range_bearing import RangeBearing
+from estimator.sensors.range_bearing import RangeBearing
 from estimator.undetected import Undetected, detected, explanations
 
 AREA = Area(np.zeros(2), np.full(2, 100.0))

@@ -22,9 +22,9 @@ import numpy as np
 from numba.core.registry import CPUDispatcher
 import estimator
 from estimator.filter import Area
-from estimator.range_bearing import RangeBearing
+from estimator.sensors.range_bearing import RangeBearing
 from estimator.search import Search
-from estimator.smc_phd import SmcPhd
+from estimator.smc.smc_phd import SmcPhd
 from estimator.warm import warmups
 
 modules = [importlib.import_module("estimator." + m.name) for m in pkgutil.iter_modules(estimator.__path__)]

@@ -12,14 +12,14 @@ from planner.warm import warmups
 for _, call in warmups():
     call()
 from planner import coupling, coverage, quadrotor_flight, separation, unicycle
-from estimator import field_of_view
+from estimator.sensors import field_of_view
 kernels = [
     k for m in (coupling, coverage, quadrotor_flight, separation, unicycle, field_of_view)
     for k in vars(m).values() if hasattr(k, "signatures")
 ]
 before = [len(k.signatures) for k in kernels]
 from estimator.exploration import Exploration
-from estimator.range_bearing import RangeBearing
+from estimator.sensors.range_bearing import RangeBearing
 from planner.maasi_joint import MaasiJoint
 from planner.plan import PlannerSetup
 for d in (2, 3):

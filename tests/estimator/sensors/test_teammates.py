@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from estimator.filter import Area
-from estimator.known import WithKnown
-from estimator.range_bearing import RangeBearing
 from estimator.search import Search
-from estimator.smc_phd import SmcPhd
-from estimator.teammates import Teammates
+from estimator.sensors.known import WithKnown
+from estimator.sensors.range_bearing import RangeBearing
+from estimator.sensors.teammates import Teammates
+from estimator.smc.smc_phd import SmcPhd
 
 AREA = Area(np.zeros(2), np.full(2, 10.0))
 SENSOR = RangeBearing.of(

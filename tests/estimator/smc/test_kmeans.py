@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from estimator.arrays import FloatArray
-from estimator.kmeans import kmeans
+from estimator.smc.kmeans import kmeans
 
 
 def blobs(centres: FloatArray, sigma: float, count: int, seed: int = 0) -> FloatArray:

@@ -102,7 +102,7 @@ def _heavy_cells(positions: FloatArray, weights: FloatArray, side: float, least:
 def seeded(
     positions: FloatArray, weights: FloatArray, start: FloatArray, cutoff: float, least: float
 ) -> FloatArray:
-    """Starting centres (k, d) from earlier ones (c, d) and heavy cells: step 1 of `estimator.kmeans`."""
+    """Starting centres (k, d) from earlier ones (c, d) and heavy cells: step 1 of `estimator.smc.kmeans`."""
     d, n = positions.shape
     reach2 = cutoff * cutoff
     # a cluster of `least` mass within the cut-off's radius touches at most 2^d cells of that side

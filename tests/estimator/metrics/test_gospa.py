@@ -6,7 +6,7 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from estimator.metrics import gospa, matched, rmse
+from estimator.metrics.gospa import gospa, matched, rmse
 
 
 def test_gospa_of_a_case_computed_by_hand() -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimator.field_of_view import FieldOfView
+from estimator.sensors.field_of_view import FieldOfView
 
 RNG = np.random.default_rng(0)
 POSES = np.array([[1.0, 2.0, 3.0, 0.4], [-4.0, 0.0, 1.0, -2.5]])

@@ -13,11 +13,11 @@ import numpy as np
 from msgspec import Meta
 
 from estimator.arrays import FloatArray, Fraction, NonNegative, Positive
-from estimator.field_of_view import FieldOfView
 from estimator.filter import Area
-from estimator.gating import gated_likelihoods
 from estimator.kernels import kernel
 from estimator.sensor import Look, checked_points, checked_poses, validated
+from estimator.sensors.field_of_view import FieldOfView
+from estimator.sensors.gating import gated_likelihoods
 
 GATE_SIGMAS = 6.0  # a component further off than this has likelihood 0; 2e-9 of the Gaussian lies beyond
 

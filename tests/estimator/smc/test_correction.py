@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from estimator.arrays import FloatArray
-from estimator.correction import corrected, explained
+from estimator.smc.correction import corrected, explained
 from tests.estimator.looks import dense_look
 
 

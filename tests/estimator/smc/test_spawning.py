@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from estimator.filter import Area
-from estimator.smc_phd import SmcPhd, SmcPhdState
+from estimator.smc.smc_phd import SmcPhd, SmcPhdState
 
 AREA = Area(np.zeros(3), np.full(3, 100.0))
 CENTRES = np.array([[20.0, 50.0, 80.0], [20.0, 60.0, 30.0], [50.0, 50.0, 50.0]])

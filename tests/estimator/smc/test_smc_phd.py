@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from estimator.arrays import FloatArray
-from estimator.correction import corrected
 from estimator.filter import Area
-from estimator.range_bearing import RangeBearing
-from estimator.smc_phd import SmcPhd, SmcPhdState
+from estimator.sensors.range_bearing import RangeBearing
+from estimator.smc.correction import corrected
+from estimator.smc.smc_phd import SmcPhd, SmcPhdState
 
 AREA = Area(np.zeros(2), np.full(2, 100.0))
 POSE = np.array([50.0, 50.0, 5.0, 0.3])

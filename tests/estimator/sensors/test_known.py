@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from estimator.filter import Area
-from estimator.known import WithKnown
-from estimator.range_bearing import RangeBearing
+from estimator.sensors.known import WithKnown
+from estimator.sensors.range_bearing import RangeBearing
 
 AREA = Area(np.zeros(2), np.full(2, 10.0))
 SENSOR = RangeBearing.of(

@@ -16,11 +16,11 @@ import numpy as np
 from msgspec import Meta
 
 from estimator.arrays import BoolArray, Count, FloatArray, Fraction, IntArray, NonNegative, Positive
-from estimator.correction import corrected, explained
 from estimator.filter import Area, Clusters
-from estimator.kmeans import kmeans
-from estimator.resampling import effective_size, effective_sizes, gathered, jittered, systematic
 from estimator.sensor import SensorModel, checked_poses, validated
+from estimator.smc.correction import corrected, explained
+from estimator.smc.kmeans import kmeans
+from estimator.smc.resampling import effective_size, effective_sizes, gathered, jittered, systematic
 from estimator.undetected import Explanations, Undetected, detected, explanations
 
 # A measurement is left to the particles if they explain it so much better than the undetected part does,

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from estimator.filter import Area
-from estimator.range_bearing import RangeBearing
 from estimator.search import Search
-from estimator.smc_phd import SmcPhd, SmcPhdState
+from estimator.sensors.range_bearing import RangeBearing
+from estimator.smc.smc_phd import SmcPhd, SmcPhdState
 
 AREA = Area(np.zeros(2), np.full(2, 10.0))
 SENSOR = RangeBearing.of(

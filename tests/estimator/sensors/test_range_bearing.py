@@ -8,7 +8,7 @@ from scipy import stats
 
 from estimator.arrays import FloatArray
 from estimator.filter import Area
-from estimator.range_bearing import GATE_SIGMAS, RangeBearing, wrapped
+from estimator.sensors.range_bearing import GATE_SIGMAS, RangeBearing, wrapped
 
 
 def sensor(d: int = 2, side: float = 60.0, **changes: Any) -> RangeBearing:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from estimator.resampling import effective_size, effective_sizes, gathered, jittered, systematic
+from estimator.smc.resampling import effective_size, effective_sizes, gathered, jittered, systematic
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -1,7 +1,7 @@
 """A team's robots see each other, and sensors do not tell them from targets.
 
 Where each robot was is known from the measurement sets themselves: every set carries its robot's pose. So in
-every set the other robots are known objects (`estimator.known`), each at the pose of its last set.
+every set the other robots are known objects (`estimator.sensors.known`), each at the pose of its last set.
 """
 
 from collections.abc import Mapping
@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.arrays import FloatArray
-from estimator.known import with_known
 from estimator.sensor import SensorModel
+from estimator.sensors.known import with_known
 
 Poses = Mapping[str, FloatArray]  # by robot, (4,)
 

@@ -18,7 +18,7 @@ import numpy as np
 from estimator.arrays import FloatArray, IntArray
 from estimator.filter import Clusters
 from estimator.kernels import kernel
-from estimator.seeding import seeded
+from estimator.smc.seeding import seeded
 
 _ITERATIONS = 20
 

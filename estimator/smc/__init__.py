@@ -1,0 +1,1 @@
+"""The PHD filter on particles."""
