@@ -22,6 +22,7 @@ class Clusters:
     covariances: FloatArray  # (c, d, d) m^2
     masses: FloatArray  # (c,) expected number of targets in each
     radii: FloatArray  # (c,) metres, standard deviation per axis: sqrt(trace(covariance) / d)
+    labels: IntArray | None = None  # (c,) identities that last over time, where the filter keeps them
 
     @staticmethod
     def none(dimension: int) -> "Clusters":

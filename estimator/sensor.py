@@ -7,11 +7,11 @@ Filters and planners know only this, so a new sensor works with all of them at o
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, cast
 
 import numpy as np
 
-from estimator.arrays import FloatArray, IntArray
+from estimator.arrays import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +52,9 @@ class SensorModel(Protocol):
     def location_covariance(self, measurements: FloatArray, pose: FloatArray) -> FloatArray:
         """Covariance (m, d, d) in m^2 of `locate` under the sensor's noise."""
 
+    def clutter_intensity(self, measurements: FloatArray, pose: FloatArray) -> FloatArray:
+        """c(z; q) (m,) of measurements (m, s), false measurements per unit of z."""
+
     def sample(self, targets: FloatArray, pose: FloatArray, rng: np.random.Generator) -> FloatArray:
         """One random measurement set (m, s) of targets (d, n): detections, noise and clutter, shuffled."""
 
@@ -59,7 +62,39 @@ class SensorModel(Protocol):
         """A closed polyline (k, 3) that shows the field of view at pose, for people."""
 
 
+class GaussianSensor(SensorModel, Protocol):
+    """A sensor with z = h(x; q) + Gaussian noise, as Kalman updates need it."""
+
+    @property
+    def noise(self) -> FloatArray:
+        """Covariance (s, s) of a measurement's noise."""
+
+    @property
+    def angular(self) -> BoolArray:
+        """(s,) which numbers of a measurement are angles, whose differences wrap into -pi..pi."""
+
+    def measure(self, targets: FloatArray, pose: FloatArray) -> FloatArray:
+        """h: noiseless measurements (n, s) of targets (d, n) from pose (4,)."""
+
+    def jacobian(self, targets: FloatArray, pose: FloatArray) -> FloatArray:
+        """dh/dx (n, s, d) at targets (d, n); finite everywhere, also on the sensor itself."""
+
+
 Sensors = Mapping[str, SensorModel]
+
+
+def gaussian(sensor: SensorModel) -> GaussianSensor:
+    """The sensor, if its noise is Gaussian.
+
+    Raises:
+        ValueError: if it is not: what uses Kalman updates cannot use this sensor.
+    """
+    if not hasattr(sensor, "jacobian"):
+        raise ValueError(
+            f"sensor: a Kalman update needs Gaussian noise and a Jacobian, {type(sensor).__name__} has none; "
+            "use a particle filter with it"
+        )
+    return cast(GaussianSensor, sensor)
 
 
 def validated(measurements: FloatArray, size: int) -> FloatArray:

@@ -10,8 +10,8 @@ from itertools import product
 
 import numpy as np
 
-from estimator.arrays import FloatArray
-from estimator.sensor import Look, SensorModel, checked_points
+from estimator.arrays import BoolArray, FloatArray
+from estimator.sensor import Look, SensorModel, checked_points, gaussian
 
 # Gauss-Hermite of three nodes: exact for polynomials up to degree five of a normal variable.
 _NODES = ((-np.sqrt(3.0), 1.0 / 6.0), (0.0, 2.0 / 3.0), (np.sqrt(3.0), 1.0 / 6.0))
@@ -54,13 +54,8 @@ class WithKnown:
             ValueError: as the sensor's own, and if positions are not (d, k).
         """
         look = self.sensor.look(points, pose, measurements)
-        if self.positions.shape[1] == 0 or look.clutter.size == 0:
-            return look
-        nodes, weights = self._nodes()
-        known = self.sensor.look(nodes, pose, measurements)
-        rows = np.repeat(np.arange(look.clutter.size), np.diff(known.offsets))
-        extra = np.bincount(rows, weights[known.indices] * known.likelihood, minlength=look.clutter.size)
-        return Look(look.detection, look.offsets, look.indices, look.likelihood, look.clutter + extra)
+        clutter = look.clutter + self._expected(measurements, pose)
+        return Look(look.detection, look.offsets, look.indices, look.likelihood, clutter)
 
     def locate(self, measurements: FloatArray, pose: FloatArray) -> FloatArray:
         """As the sensor's own."""
@@ -70,6 +65,28 @@ class WithKnown:
         """As the sensor's own."""
         return self.sensor.location_covariance(measurements, pose)
 
+    def clutter_intensity(self, measurements: FloatArray, pose: FloatArray) -> FloatArray:
+        """The sensor's own plus what the known objects give."""
+        return self.sensor.clutter_intensity(measurements, pose) + self._expected(measurements, pose)
+
+    @property
+    def noise(self) -> FloatArray:
+        """As the sensor's own, where it is Gaussian."""
+        return gaussian(self.sensor).noise
+
+    @property
+    def angular(self) -> BoolArray:
+        """As the sensor's own, where it is Gaussian."""
+        return gaussian(self.sensor).angular
+
+    def measure(self, targets: FloatArray, pose: FloatArray) -> FloatArray:
+        """As the sensor's own, where it is Gaussian."""
+        return gaussian(self.sensor).measure(targets, pose)
+
+    def jacobian(self, targets: FloatArray, pose: FloatArray) -> FloatArray:
+        """As the sensor's own, where it is Gaussian."""
+        return gaussian(self.sensor).jacobian(targets, pose)
+
     def sample(self, targets: FloatArray, pose: FloatArray, rng: np.random.Generator) -> FloatArray:
         """As the sensor's own: the known objects' measurements are not drawn."""
         return self.sensor.sample(targets, pose, rng)
@@ -77,6 +94,18 @@ class WithKnown:
     def outline(self, pose: FloatArray) -> FloatArray:
         """As the sensor's own."""
         return self.sensor.outline(pose)
+
+    def _expected(self, measurements: FloatArray, pose: FloatArray) -> FloatArray:
+        """What the known objects add to the clutter intensity at measurements (m, s)."""
+        m = len(measurements)
+        if self.positions.shape[1] == 0 or m == 0:
+            return np.zeros(m)
+        nodes, weights = self._nodes()
+        known = self.sensor.look(nodes, pose, measurements)
+        rows = np.repeat(np.arange(m), np.diff(known.offsets))
+        return np.asarray(
+            np.bincount(rows, weights[known.indices] * known.likelihood, minlength=m), np.float64
+        )
 
     def _nodes(self) -> tuple[FloatArray, FloatArray]:
         """Points (d, k 3^d) that stand for the objects' positions, and their rates."""

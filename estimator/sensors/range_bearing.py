@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from estimator.arrays import FloatArray, Fraction, NonNegative, Positive
+from estimator.arrays import BoolArray, FloatArray, Fraction, NonNegative, Positive
 from estimator.filter import Area
 from estimator.kernels import kernel
 from estimator.sensor import Look, checked_points, checked_poses, validated
@@ -170,6 +170,27 @@ class RangeBearing:
             columns = [np.hypot(level, dz), wrapped(bearing), np.arctan2(dz, level)]
         return np.stack(columns, axis=1)
 
+    @property
+    def noise(self) -> FloatArray:
+        """diag(sigma^2), (s, s)."""
+        return np.diag(self.sigmas**2)
+
+    @property
+    def angular(self) -> BoolArray:
+        """Bearing and elevation are angles."""
+        return np.arange(self.measurement_size) > 0
+
+    def jacobian(self, targets: FloatArray, pose: FloatArray) -> FloatArray:
+        """Derivatives (n, s, d) of (6)-(9) at targets (d, n).
+
+        Where a direction is not defined (on the sensor, or above it for the bearing), its derivative is 0.
+        """
+        targets = checked_points(targets, self.dimension)
+        pose = checked_poses(pose)[0]
+        out = np.zeros((targets.shape[1], self.measurement_size, self.dimension))
+        _differentiate(targets, pose, out)
+        return out
+
     def sample(self, targets: FloatArray, pose: FloatArray, rng: np.random.Generator) -> FloatArray:
         """One random measurement set (m, s) of targets (d, n): detections, noise and clutter, shuffled."""
         pose = checked_poses(pose)[0]
@@ -230,6 +251,28 @@ def _locate(
                 for k in range(d):
                     total += axes[k, a] * scale[k] * axes[k, b]
                 covariances[j, a, b] = total
+
+
+@kernel
+def _differentiate(targets: FloatArray, pose: FloatArray, out: FloatArray) -> None:
+    """d(range, bearing(, elevation))/dx (n, d, d) at targets (d, n)."""
+    d = targets.shape[0]
+    for i in range(targets.shape[1]):
+        dx, dy = targets[0, i] - pose[0], targets[1, i] - pose[1]
+        dz = targets[2, i] - pose[2] if d == 3 else 0.0
+        flat = dx * dx + dy * dy
+        square = flat + dz * dz
+        if square > 0.0:
+            r = np.sqrt(square)
+            out[i, 0, 0], out[i, 0, 1] = dx / r, dy / r
+            if d == 3:
+                out[i, 0, 2] = dz / r
+        if flat > 0.0:
+            out[i, 1, 0], out[i, 1, 1] = -dy / flat, dx / flat
+            if d == 3:
+                level = np.sqrt(flat)
+                out[i, 2, 0], out[i, 2, 1] = -dz * dx / (level * square), -dz * dy / (level * square)
+                out[i, 2, 2] = level / square
 
 
 @kernel

@@ -214,3 +214,26 @@ def test_bad_input_is_refused_by_name(points: FloatArray, pose: FloatArray, z: F
 def test_a_table_that_does_not_fit_is_refused_by_key(changes: dict[str, Any], key: str) -> None:
     with pytest.raises(ValueError, match=key):
         sensor(**changes)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_jacobian_is_the_slope_of_the_measurement(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    d = 2 + seed % 2
+    model = sensor(d, bearing_frame="body" if seed % 3 == 0 else "world")
+    pose = np.append(rng.uniform(20.0, 40.0, 3), rng.uniform(-3.0, 3.0))
+    targets = rng.uniform(0.0, 60.0, (d, 50))
+    slopes = model.jacobian(targets, pose)
+    for a in range(d):
+        step = np.zeros((d, 1))
+        step[a] = 1e-5
+        off = model.measure(targets + step, pose) - model.measure(targets - step, pose)
+        off[:, 1] = wrapped(off[:, 1])
+        np.testing.assert_allclose(slopes[:, :, a], off / 2e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_the_jacobian_is_finite_on_the_sensor_and_above_it(d: int) -> None:
+    pose = np.array([5.0, 5.0, 5.0, 0.3])
+    targets = np.array([[5.0, 5.0], [5.0, 5.0], [5.0, 9.0]])[:d]
+    assert np.isfinite(sensor(d).jacobian(targets, pose)).all()
