@@ -197,9 +197,11 @@ def _probabilities(
         for s in range(k):
             row, own = activation[s], block[class_of[s]]
             for i in range(size):
-                value = exp_negative(row[i] - top[i])
-                own[i] += value
-                total[i] += value
+                row[i] = exp_negative(row[i] - top[i])
+            for i in range(size):
+                own[i] += row[i]
+            for i in range(size):
+                total[i] += row[i]
         for c in range(block.shape[0]):
             own = block[c]
             for i in range(size):
