@@ -6,6 +6,7 @@ from functools import partial
 import numpy as np
 
 from estimator.filter import Area
+from estimator.metrics.gospa import gospa, matched
 from estimator.search import Search
 from estimator.sensors.range_bearing import RangeBearing, RangeBearingConfig
 from estimator.smc.kmeans import kmeans
@@ -20,6 +21,7 @@ def warmups() -> list[tuple[str, Callable[[], None]]]:
     for d in (2, 3):
         calls += [(f"{shape} field of view, {d}D", partial(_look, d, shape)) for shape in _SHAPES]
         calls += [(f"PHD filter, {d}D", partial(_search, d)), (f"K-means, {d}D", partial(_kmeans, d))]
+    calls.append(("metrics", _metrics))
     return calls
 
 
@@ -71,3 +73,9 @@ def _kmeans(d: int) -> None:
     points = np.concatenate([rng.normal(5.0, 0.2, (d, 50)), rng.normal(9.0, 0.2, (d, 50))], axis=1)
     clusters, _ = kmeans(points, np.full(100, 0.02), 3.0)
     kmeans(points, np.full(100, 0.02), 8.0, start=clusters.means)
+
+
+def _metrics() -> None:
+    points = np.random.default_rng(0).uniform(0.0, 1.0, (2, 6))
+    gospa(points, points[:, :5], c=0.5)
+    matched(points, points[:, :5], 0.5)

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.arrays import FloatArray, IntArray
+from estimator.arrays import FloatArray
+from estimator.metrics.assignment import assigned, nearest_pairs
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,30 +26,33 @@ def gospa(truth: FloatArray, estimates: FloatArray, *, c: float, p: float = 2.0)
     proposition 1: the minimum over partial assignments of sum d^p + c^p / 2 (missed + false).
 
     Raises:
-        ValueError: if c <= 0, p < 1, or the dimensions differ.
+        ValueError: if c <= 0, p < 1, a number is not finite, or the dimensions differ.
     """
-    if not c > 0 or not p >= 1:
-        raise ValueError(f"c, p: expected c > 0 and p >= 1, got {c} and {p}")
-    rows, columns, distances = _assigned(truth, estimates, c, p)
+    check_order(c, p)
+    truth, estimates = checked_sets(truth, estimates)
+    finite, partners, distances = nearest_pairs(truth, estimates, c, p)
+    if not finite:
+        raise ValueError("truth, estimates: every number must be finite")
+    rows = np.flatnonzero(partners >= 0)
     penalty = c**p / 2
-    near = float(np.sum(distances**p))
+    near = float(np.sum(distances[rows] ** p))
     missed = penalty * (truth.shape[1] - rows.size)
     false = penalty * (estimates.shape[1] - rows.size)
-    pairs = tuple(zip(rows.tolist(), columns.tolist(), strict=True))
-    total, *parts = ((x ** (1 / p)) for x in (near + missed + false, near, missed, false))
-    return Gospa(total, parts[0], parts[1], parts[2], pairs)
+    pairs = tuple(zip(rows.tolist(), partners[rows].tolist(), strict=True))
+    q = 1 / p
+    return Gospa((near + missed + false) ** q, near**q, missed**q, false**q, pairs)
 
 
 def matched(truth: FloatArray, estimates: FloatArray, within: float) -> tuple[tuple[int, int], ...]:
     """Pairs (true, estimated) nearer than `within` metres, as many as can be and then as close as can be."""
-    truth, estimates, distances = _distances(truth, estimates)
-    if distances.size == 0:
+    truth, estimates = checked_sets(truth, estimates)
+    d = distances(truth, estimates)
+    if d.size == 0:
         return ()
     # one more pair is worth more than any closeness
-    cost = np.where(distances < within, (distances / within) ** 2 / (2 * min(distances.shape)), 1.0)
-    rows, columns = _assignment(cost)
-    near = distances[rows, columns] < within
-    return tuple(zip(rows[near].tolist(), columns[near].tolist(), strict=True))
+    gains = np.where(d < within, 1.0 - (d / within) ** 2 / (2 * min(d.shape)), 0.0)
+    rows, columns = assigned(gains)
+    return tuple(zip(rows.tolist(), columns.tolist(), strict=True))
 
 
 def rmse(truth: FloatArray, estimates: FloatArray, within: float) -> float | None:
@@ -60,30 +64,35 @@ def rmse(truth: FloatArray, estimates: FloatArray, within: float) -> float | Non
     return float(np.sqrt(np.mean(errors)))
 
 
-def _distances(truth: FloatArray, estimates: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    truth, estimates = np.asarray(truth, dtype=np.float64), np.asarray(estimates, dtype=np.float64)
+def check_order(c: float, p: float) -> None:
+    """That the cut-off and the order make a metric.
+
+    Raises:
+        ValueError: if they do not.
+    """
+    if not 0 < c < np.inf or not 1 <= p < np.inf:
+        raise ValueError(f"c, p: expected finite c > 0 and p >= 1, got {c} and {p}")
+
+
+def checked_sets(truth: FloatArray, estimates: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Two sets (d, n) and (d, k) as contiguous arrays.
+
+    Raises:
+        ValueError: if the dimensions differ.
+    """
+    truth = np.ascontiguousarray(truth, dtype=np.float64)
+    estimates = np.ascontiguousarray(estimates, dtype=np.float64)
     if truth.ndim != 2 or estimates.ndim != 2 or truth.shape[0] != estimates.shape[0]:
         raise ValueError(f"estimates: expected (d, k) with d as in {truth.shape}, got {estimates.shape}")
+    return truth, estimates
+
+
+def distances(truth: FloatArray, estimates: FloatArray) -> FloatArray:
+    """Distances (n, k) of all pairs.
+
+    Raises:
+        ValueError: if a number is not finite.
+    """
     if not (np.isfinite(truth).all() and np.isfinite(estimates).all()):
         raise ValueError("truth, estimates: every number must be finite")
-    return truth, estimates, np.linalg.norm(truth[:, :, None] - estimates[:, None, :], axis=0)
-
-
-def _assigned(
-    truth: FloatArray, estimates: FloatArray, c: float, p: float
-) -> tuple[IntArray, IntArray, FloatArray]:
-    """Rows, columns and distances of the optimal partial assignment."""
-    truth, estimates, distances = _distances(truth, estimates)
-    if distances.size == 0:
-        none = np.zeros(0, dtype=np.int64)
-        return none, none, np.zeros(0)
-    rows, columns = _assignment(np.minimum(distances, c) ** p)
-    near = distances[rows, columns] < c
-    return rows[near], columns[near], distances[rows, columns][near]
-
-
-def _assignment(cost: FloatArray) -> tuple[IntArray, IntArray]:
-    from scipy.optimize import linear_sum_assignment  # noqa: PLC0415 - 0.4 s that robots need not wait
-
-    rows, columns = linear_sum_assignment(cost)
-    return rows.astype(np.int64), columns.astype(np.int64)
+    return np.asarray(np.linalg.norm(truth[:, :, None] - estimates[:, None, :], axis=0))
