@@ -46,7 +46,7 @@ def _gates(
     for j in range(m):
         r = measurements[j, 0]
         gates[j, 0] = max(0, int((r - width) * scale) - 1)
-        gates[j, 1] = min(_RINGS - 1, int((r + width) * scale) + 1)
+        gates[j, 1] = min(_RINGS - 1, max(-1, int((r + width) * scale) + 1))  # -1: of a range below 0
         if half >= 3.1:
             gates[j, 2], gates[j, 3] = 0, _RAYS - 1
         else:
