@@ -25,7 +25,7 @@ class Exploration:
 
     @staticmethod
     def unexplored(area: Area, points: tuple[int, ...] | list[int]) -> "Exploration":
-        """e_0 = 1 on a grid of `points` nodes per axis whose corners are the area's.
+        """e_0 = 1 on a grid of `points` nodes per axis whose corners are the area's; 0 outside free space.
 
         Raises:
             ValueError: if there is not one positive number of nodes per axis of the area.
@@ -34,7 +34,8 @@ class Exploration:
             raise ValueError(
                 f"points: expected {area.dimension} positive numbers, one per axis, got {points}"
             )
-        return Exploration(np.ones(tuple(points)), area.low, area.high)
+        free = area.is_free(nodes(tuple(points), area.low, area.high))
+        return Exploration(free.astype(np.float64).reshape(points), area.low, area.high)
 
     def nodes(self) -> FloatArray:
         """The grid points x_l, (d, g1 * ... * gd), in the order of `values.ravel()`. Read-only."""

@@ -8,7 +8,8 @@ from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
-from estimator.arrays import FloatArray, IntArray
+from estimator.arrays import BoolArray, FloatArray, IntArray
+from estimator.maps.occupancy import OccupancyMap
 from estimator.sensor import SensorModel
 
 State = TypeVar("State")
@@ -34,10 +35,11 @@ class Clusters:
 
 @dataclass(frozen=True, slots=True)
 class Area:
-    """The axis-aligned box in which targets may be."""
+    """The axis-aligned box in which targets may be; with a map, in its free cells only."""
 
     low: FloatArray  # (d,) metres
     high: FloatArray  # (d,) metres
+    map: OccupancyMap | None = None
 
     @property
     def dimension(self) -> int:
@@ -45,8 +47,14 @@ class Area:
 
     @property
     def volume(self) -> float:
-        """In m^d."""
+        """Of the whole box, in m^d."""
         return float(np.prod(self.high - self.low))
+
+    def is_free(self, points: FloatArray) -> BoolArray:
+        """Whether a target may be at points (d, n) as far as the map goes, (n,); all True without a map."""
+        if self.map is None:
+            return np.ones(points.shape[1], dtype=np.bool_)
+        return self.map.is_free(points)
 
 
 class Filter(Protocol, Generic[State]):

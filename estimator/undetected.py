@@ -40,15 +40,21 @@ _PROBE_SETS = {2: _probes(2), 3: _probes(3)}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Undetected:
-    """Intensity values on a grid over the area, multilinear in between, 0 outside."""
+    """Intensity values on a grid over the area, multilinear in between, 0 outside it and its free space."""
 
     values: FloatArray  # (g1, ..., gd) targets per m^d
     area: Area
 
     @staticmethod
     def uniform(area: Area, points: tuple[int, ...], mass: float) -> "Undetected":
-        """`mass` targets spread evenly."""
-        return Undetected(np.full(points, mass / area.volume), area)
+        """`mass` targets spread evenly.
+
+        Raises:
+            ValueError: if the area has a map and no node lies in free space.
+        """
+        if area.map is None:
+            return Undetected(np.full(points, mass / area.volume), area)
+        return Undetected(mass * _even(area, points), area)
 
     def nodes(self) -> FloatArray:
         """Grid nodes (d, g)."""
@@ -64,20 +70,33 @@ class Undetected:
         return float(self.node_masses().sum())
 
     def at(self, points: FloatArray) -> FloatArray:
-        """The intensity at points (d, n), 0 outside the area."""
+        """The intensity at points (d, n), 0 outside the area and its free space."""
         values = interpolate(self.values, self.area.low, self.area.high, points)
         _zero_outside(points, self.area.low, self.area.high, values)
+        if self.area.map is not None:
+            values[~self.area.is_free(points)] = 0.0
         return values
 
     def later(self, survival: float, births: float) -> "Undetected":
         """After survival with a probability and `births` expected new targets, (MA)ASI (12)."""
-        return Undetected(self.values * survival + births / self.area.volume, self.area)
+        if self.area.map is None:
+            return Undetected(self.values * survival + births / self.area.volume, self.area)
+        return Undetected(self.values * survival + births * _even(self.area, self.values.shape), self.area)
 
     def after(self, sensor: SensorModel, pose: FloatArray) -> "Undetected":
         """What stays undetected after a look, the first term of (13)."""
         values = self.values.copy()
         undetected(values.reshape(-1), sensor.detection(self.nodes(), pose[None, :]))
         return Undetected(values, self.area)
+
+
+def _even(area: Area, points: tuple[int, ...]) -> FloatArray:
+    """Values (g1, ..., gd) of one target, evenly wherever one can be."""
+    free = area.is_free(nodes(points, area.low, area.high)).reshape(points)
+    volume = float((free * node_volumes(points, area.low, area.high)).sum())
+    if volume == 0.0:
+        raise ValueError("grid_points: none of them lies in free space of the map; take more")
+    return np.asarray(free / volume, dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
