@@ -11,22 +11,27 @@ import numpy as np
 from estimator.arrays import FloatArray
 from estimator.kernels import exp_negative, kernel
 from estimator.sensor import checked_points, checked_poses
+from estimator.sensors.smooth_field import exponential_slopes, smooth_sector, smooth_sector_slopes
 
-Shape = Literal["exponential", "box", "sector"]
-_CODES: dict[str, int] = {"exponential": 0, "box": 1, "sector": 2}
+Shape = Literal["exponential", "box", "sector", "smooth_sector"]
+_CODES: dict[str, int] = {"exponential": 0, "box": 1, "sector": 2, "smooth_sector": 3}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FieldOfView:
-    """p_D(x; q) = G s(x; q) t(r), with gain G, shape s and an optional table t over the range r.
+    """p_D(x; q) = G s(x; q) t(r) min(1, beam / r), with gain G, shape s and a table t over the range r.
 
     - exponential: s = exp(-|zeta| / 2), zeta the offset divided by `size` (F_x, F_y(, F_z)), (MA)ASI (3)-(4).
     - box: s = 1 in a box around the robot, 0 elsewhere, (MA)ASI (25), (34); `size` is
       (x_min, x_max, y_min, y_max(, z_min, z_max)); the box turns with yaw if `turns`.
     - sector: s = 1 between two ranges within an opening about the yaw direction (in the horizontal
-      plane), 0 elsewhere; `size` is (range_min, range_max, full opening in radians).
+      plane), 0 elsewhere; `size` is (range_min, range_max, full opening in radians), Liu & Hedrick fig. 2.
+    - smooth_sector: s = 1 / (1 + alpha_1 r^2) / (1 + exp(-alpha_2 (cos(bearing) - cos(opening / 2)))) with
+      bearings from the yaw, differentiable, Liu & Hedrick (7); `size` is (alpha_1 in 1/m^2, alpha_2, full
+      opening in radians).
 
-    The table is linear between its breaks and constant outside them.
+    The table is linear between its breaks and constant outside them; there may be none. `beam` is the range
+    up to which a scanner's beams leave no gap that a target fits into, Dames & Kumar (29), or infinity.
     """
 
     dimension: int
@@ -36,6 +41,7 @@ class FieldOfView:
     turns: bool = False
     breaks: FloatArray = field(default_factory=lambda: np.zeros(0))  # (b,) metres, ascending; none: t = 1
     gains: FloatArray = field(default_factory=lambda: np.zeros(0))  # (b,)
+    beam: float = np.inf  # metres
 
     def detection(self, points: FloatArray, poses: FloatArray) -> FloatArray:
         """p_D of points (d, n) from poses (k, 4), shape (k, n).
@@ -49,20 +55,52 @@ class FieldOfView:
         code = _CODES[self.shape]
         if code == 0:
             _exponential(points, poses, self.gain, self.size, out)
+        elif code == 3:
+            smooth_sector(points, poses, self.gain, self.size, out)
         else:
             _edged(points, poses, self.gain, code, self.size, self.turns or code == 2, out)
         if self.breaks.size:
             _times_table(points, poses, self.breaks, self.gains, out)
+        if self.beam < np.inf:
+            _times_beam(points, poses, self.beam, out)
+        return out
+
+    def slopes(self, points: FloatArray, poses: FloatArray) -> FloatArray:
+        """Derivatives (k, n, 4) of p_D by the pose's x, y, z (1/m) and yaw (1/rad).
+
+        Those by the point are the first d of them with the other sign. Where a shape has a tip or a direction
+        is not defined (on the sensor, above it), the derivative is 0.
+
+        Raises:
+            ValueError: as `detection`, and if the field has edges or factors over the range.
+        """
+        points = checked_points(points, self.dimension)
+        poses = checked_poses(poses)
+        if self.shape not in ("exponential", "smooth_sector") or self.breaks.size or self.beam < np.inf:
+            raise ValueError(
+                "field_of_view: only an exponential one and a smooth_sector, without a table or beams, "
+                f"have derivatives; this is {self.shape}"
+            )
+        out = np.zeros((poses.shape[0], points.shape[1], 4))
+        if self.shape == "exponential":
+            exponential_slopes(points, poses, self.gain, self.size, out)
+        else:
+            smooth_sector_slopes(points, poses, self.gain, self.size, out)
         return out
 
     def outline(self, pose: FloatArray) -> FloatArray:
-        """A closed polyline (k, 3) around the field of view; exponential: where s falls to 1/e."""
-        yaw = pose[3] if self.turns or self.shape == "sector" else 0.0
+        """A closed polyline (k, 3) around the field of view.
+
+        Exponential: where s falls to 1/e; smooth sector: half-value range and opening.
+        """
+        yaw = pose[3] if self.turns or self.shape in ("sector", "smooth_sector") else 0.0
         if self.shape == "box":
             x0, x1, y0, y1 = self.size[:4]
             local = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1], [x0, y0]])
-        elif self.shape == "sector":
+        elif self.shape in ("sector", "smooth_sector"):
             near, far, opening = self.size
+            if self.shape == "smooth_sector":
+                near, far = 0.0, self.size[0] ** -0.5
             angles = np.linspace(-opening / 2, opening / 2, 25)
             arc = np.column_stack([np.cos(angles), np.sin(angles)])
             local = np.vstack([far * arc, near * arc[::-1], far * arc[:1]])
@@ -147,3 +185,15 @@ def _times_table(
                 b = np.searchsorted(breaks, r, side="right") - 1
                 t = (r - breaks[b]) / (breaks[b + 1] - breaks[b])
                 out[k, i] *= gains[b] + t * (gains[b + 1] - gains[b])
+
+
+@kernel
+def _times_beam(points: FloatArray, poses: FloatArray, beam: float, out: FloatArray) -> None:
+    """Multiply by min(1, beam / r)."""
+    for k in range(poses.shape[0]):
+        for i in range(points.shape[1]):
+            r2 = (points[0, i] - poses[k, 0]) ** 2 + (points[1, i] - poses[k, 1]) ** 2
+            if points.shape[0] == 3:
+                r2 += (points[2, i] - poses[k, 2]) ** 2
+            if r2 > beam * beam:
+                out[k, i] *= beam / np.sqrt(r2)

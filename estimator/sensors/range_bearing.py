@@ -6,23 +6,22 @@ Control Engineering Practice, 2024.
 
 from dataclasses import dataclass
 from math import pi
-from typing import Annotated, Literal
+from typing import Literal
 
-import msgspec
 import numpy as np
-from msgspec import Meta
 
-from estimator.arrays import BoolArray, FloatArray, Fraction, NonNegative, Positive
+from estimator.arrays import BoolArray, FloatArray, NonNegative, Positive
 from estimator.filter import Area
 from estimator.kernels import kernel
 from estimator.sensor import Look, checked_points, checked_poses, validated
+from estimator.sensors.field_config import FieldConfig, field_of
 from estimator.sensors.field_of_view import FieldOfView
 from estimator.sensors.gating import gated_likelihoods
 
 GATE_SIGMAS = 6.0  # a component further off than this has likelihood 0; 2e-9 of the Gaussian lies beyond
 
 
-class RangeBearingConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class RangeBearingConfig(FieldConfig, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A range-bearing sensor in a mission file. 3D areas need elevation_sigma_deg."""
 
     period_s: Positive
@@ -32,18 +31,8 @@ class RangeBearingConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unkno
     bearing_frame: Literal["world", "body"] = (
         "world"  # counter-clockwise from east, or from the yaw direction
     )
-    gain: Fraction = 1.0  # G
     clutter: NonNegative = 0.0  # expected false measurements in a set
     max_range_m: Positive | None = None  # clutter lies within it; default: the area's diagonal
-    field_of_view: Literal["exponential", "box", "sector"] = "exponential"
-    reach_m: Annotated[list[Positive], Meta(min_length=2, max_length=3)] | None = None  # F_x, F_y(, F_z)
-    box_m: Annotated[list[tuple[float, float]], Meta(min_length=2, max_length=3)] | None = None
-    box_frame: Literal["world", "body"] = "world"
-    range_m: Positive | None = None  # sector
-    min_range_m: NonNegative = 0.0  # sector
-    angle_deg: Annotated[float, Meta(gt=0, le=360)] | None = None  # sector, full opening about the yaw
-    range_breaks_m: list[NonNegative] = []  # p_D is multiplied by range_gains, linear between the breaks
-    range_gains: list[Fraction] = []
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,7 +72,7 @@ class RangeBearing:
             sigmas.append(np.radians(config.elevation_sigma_deg))
             low.append(-pi / 2)
             high.append(pi / 2)
-        field = _field(config, d)
+        field = field_of(config, d)
         if field.shape == "sector":
             low[0], high[0] = float(field.size[0]), float(field.size[1])
             low[1], high[1] = -float(field.size[2]) / 2, float(field.size[2]) / 2
@@ -188,7 +177,7 @@ class RangeBearing:
         targets = checked_points(targets, self.dimension)
         pose = checked_poses(pose)[0]
         out = np.zeros((targets.shape[1], self.measurement_size, self.dimension))
-        _differentiate(targets, pose, out)
+        differentiate(targets, pose, out)
         return out
 
     def sample(self, targets: FloatArray, pose: FloatArray, rng: np.random.Generator) -> FloatArray:
@@ -254,7 +243,7 @@ def _locate(
 
 
 @kernel
-def _differentiate(targets: FloatArray, pose: FloatArray, out: FloatArray) -> None:
+def differentiate(targets: FloatArray, pose: FloatArray, out: FloatArray) -> None:
     """d(range, bearing(, elevation))/dx (n, d, d) at targets (d, n)."""
     d = targets.shape[0]
     for i in range(targets.shape[1]):
@@ -296,35 +285,3 @@ def _uniform_clutter(
 def wrapped(angles: FloatArray) -> FloatArray:
     """Angles brought into -pi..pi."""
     return np.asarray((angles + pi) % (2 * pi) - pi)
-
-
-def _field(config: RangeBearingConfig, d: int) -> FieldOfView:
-    """The field of view of a mission's table."""
-    breaks, gains = np.array(config.range_breaks_m), np.array(config.range_gains)
-    if breaks.size != gains.size:
-        raise ValueError(f"range_gains: {gains.size} numbers for {breaks.size} range_breaks_m")
-    if (np.diff(breaks) <= 0).any():
-        raise ValueError("range_breaks_m: must grow")
-    shape = config.field_of_view
-    turns = config.box_frame == "body"
-    if shape == "exponential":
-        size = np.array(config.reach_m or [])
-        if size.size != d:
-            raise ValueError(
-                f"reach_m: an exponential field of view needs {d} numbers here, found {size.size}"
-            )
-    elif shape == "box":
-        size = np.array(config.box_m or []).ravel()
-        if size.size != 2 * d:
-            raise ValueError(f"box_m: needs {d} pairs here, found {size.size // 2}")
-        if not (np.isfinite(size).all() and (size[::2] < size[1::2]).all()):
-            raise ValueError("box_m: every pair must be [least, greatest]")
-    else:
-        if config.range_m is None or config.angle_deg is None:
-            raise ValueError(
-                f"{'angle_deg' if config.range_m else 'range_m'}: a sector field of view needs it"
-            )
-        if config.min_range_m >= config.range_m:
-            raise ValueError("min_range_m: must be less than range_m")
-        size = np.array([config.min_range_m, config.range_m, np.radians(config.angle_deg)])
-    return FieldOfView(d, shape, config.gain, size, turns, breaks, gains)
