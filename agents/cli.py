@@ -133,12 +133,18 @@ def swarm(
       searchparty swarm quickstart
       searchparty swarm missions/quickstart.toml --seed 3 --speed 4 --out runs/third --view none
     """
-    from agents.mission_file import load
+    from contextlib import nullcontext
 
-    resolved = load(mission, seed=seed, duration=duration)
-    from agents import swarm as launcher
+    from agents.nursery import Nursery
 
-    raise typer.Exit(launcher.run(resolved, out=out, speed=speed, view=view.value))
+    with Nursery.start(mission) or nullcontext() as nursery:  # first of all: it loads while we do
+        from agents.mission_file import load
+
+        resolved = load(mission, seed=seed, duration=duration)
+        from agents import swarm as launcher
+
+        status = launcher.run(resolved, out=out, speed=speed, view=view.value, nursery=nursery)
+    raise typer.Exit(status)
 
 
 @app.command(short_help="Run one robot of a team.")

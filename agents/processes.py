@@ -13,6 +13,8 @@ from agents.mission import Mission
 
 Restart = Literal["never", "always"]
 
+PROGRAM = (sys.executable, "-m", "agents.cli")  # `searchparty`, wherever it is installed
+
 
 @dataclass(frozen=True, slots=True)
 class Process:
@@ -22,13 +24,15 @@ class Process:
     per_robot: bool  # one for each robot of the mission, named by its id; else one, named by its role
     restart: Restart | Literal["as the mission says"]  # mission.restart.ROLE
     options: tuple[str, ...]  # which of the launch's values go on its command line
+    forked: bool = True  # from what robots and the fusion have loaded; else it starts by itself
 
 
 PROCESSES = (
     Process("fusion", False, "as the mission says", ("out", "connect", "speed")),
-    # A dead viewer costs the picture, a restarted one would write over the record of the start.
-    Process("watch", False, "never", ("out", "connect", "view")),
     Process("robot", True, "as the mission says", ("id", "connect")),
+    # A dead viewer costs the picture, a restarted one would write over the record of the start. It loads what
+    # no robot may, and comes last, so that nobody waits for it.
+    Process("watch", False, "never", ("out", "connect", "view"), forked=False),
 )
 
 
@@ -51,6 +55,12 @@ class Command:
     role: str
     argv: tuple[str, ...]
     restart: Restart
+    forked: bool = False
+
+    @property
+    def arguments(self) -> tuple[str, ...]:
+        """What follows `searchparty` on the command line."""
+        return self.argv[len(PROGRAM) :]
 
 
 def commands(mission: Mission, launch: Launch) -> list[Command]:
@@ -61,7 +71,7 @@ def commands(mission: Mission, launch: Launch) -> list[Command]:
             row.restart if row.restart != "as the mission says" else _restart(mission, row.role)
         )
         names = [robot.id for robot in mission.robots] if row.per_robot else [row.role]
-        made += [Command(name, row.role, _argv(row, name, launch), restart) for name in names]
+        made += [Command(name, row.role, _argv(row, name, launch), restart, row.forked) for name in names]
     return made
 
 
@@ -79,4 +89,4 @@ def _argv(row: Process, name: str, launch: Launch) -> tuple[str, ...]:
         "view": [launch.view],
     }
     options = [part for option in row.options for value in values[option] for part in (f"--{option}", value)]
-    return (sys.executable, "-m", "agents.cli", row.role, str(launch.mission_file), *options)
+    return (*PROGRAM, row.role, str(launch.mission_file), *options)

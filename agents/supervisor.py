@@ -17,6 +17,7 @@ from typing import Self
 
 from agents.errors import DataError, MissionError, SearchpartyError, StorageError
 from agents.lifeline import Lifeline
+from agents.nursery import ONE_THREAD, ForkedProcess, Nursery, NurseryError
 from agents.processes import Command
 
 TERMINATE_S = 1.5  # from SIGTERM to SIGKILL
@@ -24,11 +25,6 @@ FIRST_DELAY_S = 0.25
 LONGEST_DELAY_S = 5.0
 SETTLED_S = 10.0  # a process that ran this long may fail anew
 ATTEMPTS = 8  # failures in a row, none of them settled, before it is given up
-
-# One robot per process and many robots per machine: a thread pool in each would only make them wait.
-ONE_THREAD = dict.fromkeys(
-    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"
-)
 
 # Ends that another start would only repeat.
 _FINAL = {0, MissionError.exit_code, DataError.exit_code, StorageError.exit_code}
@@ -69,7 +65,7 @@ class _Child:
     def __init__(self, command: Command) -> None:
         self.command = command
         self.status = Status(command.name, command.role)
-        self.process: asyncio.subprocess.Process | None = None
+        self.process: asyncio.subprocess.Process | ForkedProcess | None = None
         self.task: asyncio.Task[None] | None = None
 
 
@@ -83,13 +79,16 @@ class Supervisor:
         on_change: Callable[[Status], None] = lambda status: None,
         *,
         environment: Mapping[str, str] | None = None,
+        nursery: Nursery | None = None,
     ) -> None:
+        """With a `nursery`, which then is the supervisor's to close, what can be is forked from it."""
         self._children = {command.name: _Child(command) for command in commands}
         if len(self._children) != len(commands):
             raise ValueError("two processes of one name")
         self._logs = log_directory
         self._on_change = on_change
         self._environment = {**os.environ, **ONE_THREAD, "PYTHONUNBUFFERED": "1", **(environment or {})}
+        self._nursery = nursery
         self._lifeline: Lifeline | None = None
         self._stopping = asyncio.Event()
 
@@ -124,6 +123,8 @@ class Supervisor:
     async def stop(self) -> None:
         """End all that run, by SIGTERM and `TERMINATE_S` later by SIGKILL. Safe to call twice."""
         self._stopping.set()
+        if self._nursery is not None:
+            self._nursery.close()
         tasks = [child.task for child in self._children.values() if child.task is not None]
         for child in self._children.values():
             _send(child, signal.SIGTERM)
@@ -179,15 +180,19 @@ class Supervisor:
         assert lifeline is not None
         log = self._open_log(command)
         try:
-            child.process = await asyncio.create_subprocess_exec(
-                *command.argv,
-                stdin=asyncio.subprocess.DEVNULL,
-                stdout=log,
-                stderr=asyncio.subprocess.STDOUT,
-                env={**self._environment, **lifeline.environment},
-                pass_fds=(lifeline.read_end,),
-                start_new_session=True,  # Ctrl-C in the terminal is for the launcher, which then ends us
-            )
+            child.process = await self._forked(command, log, lifeline)
+            if child.process is None:
+                if self._stopping.is_set():
+                    raise SearchpartyError(f"{command.name} was stopped before it started")
+                child.process = await asyncio.create_subprocess_exec(
+                    *command.argv,
+                    stdin=asyncio.subprocess.DEVNULL,
+                    stdout=log,
+                    stderr=asyncio.subprocess.STDOUT,
+                    env={**self._environment, **lifeline.environment},
+                    pass_fds=(lifeline.read_end,),
+                    start_new_session=True,  # Ctrl-C in the terminal is for the launcher, which then ends us
+                )
         except OSError as error:
             raise SearchpartyError(f"cannot start {command.name}: {error.strerror}") from error
         finally:
@@ -195,6 +200,17 @@ class Supervisor:
         self._set(child, replace(child.status, state=State.RUNNING, pid=child.process.pid))
         if self._stopping.is_set():  # while it was being started
             _send(child, signal.SIGTERM)
+
+    async def _forked(self, command: Command, log: int, lifeline: Lifeline) -> ForkedProcess | None:
+        """The command's process out of the nursery; None if it must be started by itself."""
+        if self._nursery is None or not command.forked:
+            return None
+        try:
+            return await self._nursery.spawn(command.arguments, log=log, line=lifeline.read_end)
+        except NurseryError:
+            self._nursery.close()
+            self._nursery = None
+            return None
 
     def _open_log(self, command: Command) -> int:
         """The log's descriptor, after a first line, so that a full disk shows here and not in the child."""

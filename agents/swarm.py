@@ -19,6 +19,7 @@ from agents.machine import Event, Heard
 from agents.messages import EventMessage, StartMessage, TruthMessage
 from agents.mission import Mission
 from agents.mission_file import load
+from agents.nursery import Nursery
 from agents.plugins import load as load_plugin
 from agents.processes import Launch, commands
 from agents.run_directory import RunDirectory
@@ -37,16 +38,25 @@ TRUTH_PERIOD_S = 1.0
 FAREWELL_S = 0.2  # for the last health messages to arrive
 
 
-def run(mission: Mission, *, out: Path | None, speed: float = 1.0, view: str = "auto") -> int:
+def run(
+    mission: Mission,
+    *,
+    out: Path | None,
+    speed: float = 1.0,
+    view: str = "auto",
+    nursery: Nursery | None = None,
+) -> int:
     """Run the mission with one process per robot; 0 only if every target was found.
+
+    With a `nursery` processes are forked from it, and start the sooner.
 
     Raises:
         SearchpartyError: with what to do about it.
     """
-    return run_until_done(lambda: _main(mission, out, speed, view))
+    return run_until_done(lambda: _main(mission, out, speed, view, nursery))
 
 
-async def _main(mission: Mission, out: Path | None, speed: float, view: str) -> int:
+async def _main(mission: Mission, out: Path | None, speed: float, view: str, nursery: Nursery | None) -> int:
     console = Console()
     view = _view(view)
     warm.ensure(console)  # or every robot would compile the same kernels at the same time
@@ -55,7 +65,7 @@ async def _main(mission: Mission, out: Path | None, speed: float, view: str) -> 
     with load_plugin("routers", mission.link.kind)(resolved.link) as router:
         launch = Launch(directory.mission, directory.path, tuple(router.endpoints), speed, view)
         async with Shell(resolved, "swarm", "swarm", router.endpoints) as shell:
-            swarm = Swarm(shell, Team.of(resolved), launch, directory, console)
+            swarm = Swarm(shell, Team.of(resolved), launch, directory, console, nursery)
             return await swarm.run()
 
 
@@ -78,14 +88,22 @@ class Swarm:
     """One local run."""
 
     def __init__(
-        self, shell: Shell, team: Team, launch: Launch, directory: RunDirectory, console: Console
+        self,
+        shell: Shell,
+        team: Team,
+        launch: Launch,
+        directory: RunDirectory,
+        console: Console,
+        nursery: Nursery | None = None,
     ) -> None:
         self._shell = shell
         self._team = team
         self._mission = team.mission
         self._directory = directory
         self._console = console
-        self._supervisor = Supervisor(commands(team.mission, launch), directory.path, self._changed)
+        self._supervisor = Supervisor(
+            commands(team.mission, launch), directory.path, self._changed, nursery=nursery
+        )
         self._world = team.world(team.mission.seed)
         self._scoreboard = Scoreboard(team.mission, team.mission.seed, "processes", self._world)
         self._board = StatusBoard(team.mission)
@@ -98,22 +116,25 @@ class Swarm:
         shell = self._shell
         for topic in (POSE, SET, POSTERIOR, HEALTH, EVENT, START):
             shell.transport.subscribe(topic, urgent=False)
+        starting = asyncio.create_task(self._supervisor.start())
         try:
-            await self._supervisor.start()
             shell.every(TRUTH_PERIOD_S, self._publish_truth)
             with Live(self._table(), console=self._console, refresh_per_second=4, transient=False) as live:
-                await self._watch(live)
+                await self._watch(live, starting)
                 await self._stop()
                 live.update(self._table())
         finally:
             await self._supervisor.stop()
+            await asyncio.gather(starting, return_exceptions=True)
         return self._finish()
 
-    async def _watch(self, live: Live) -> None:
+    async def _watch(self, live: Live, starting: "asyncio.Task[None]") -> None:
         shell, mission = self._shell, self._mission
         end_at: float | None = None
         while not shell.stopping:
             await shell.sleep_until(shell.clock.now() + REFRESH_S * shell.clock.speed)
+            if starting.done():
+                starting.result()  # what kept it from starting all is raised here
             self._take(shell.events())
             live.update(self._table())
             if self._started and shell.clock.now() >= mission.duration_s:

@@ -26,17 +26,17 @@ MISSION = msgspec.convert(
 LAUNCH = Launch(Path("run/mission.toml"), Path("run"), ("tcp/127.0.0.1:1", "tcp/127.0.0.1:2"), 2.0, "spawn")
 
 
-def test_a_swarm_is_the_fusion_first_the_viewer_and_one_process_per_robot() -> None:
+def test_a_swarm_is_the_fusion_first_one_process_per_robot_and_the_viewer() -> None:
     assert [(c.name, c.role) for c in commands(MISSION, LAUNCH)] == [
         ("fusion", "fusion"),
-        ("watch", "watch"),
         ("r1", "robot"),
         ("r2", "robot"),
+        ("watch", "watch"),
     ]
 
 
 def test_a_command_is_what_a_person_would_type() -> None:
-    fusion, watch, robot, _ = commands(MISSION, LAUNCH)
+    fusion, robot, _, watch = commands(MISSION, LAUNCH)
     connect = ("--connect", "tcp/127.0.0.1:1", "--connect", "tcp/127.0.0.1:2")
     prefix = (sys.executable, "-m", "agents.cli")
     assert robot.argv == (*prefix, "robot", "run/mission.toml", "--id", "r1", *connect)
