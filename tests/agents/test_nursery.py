@@ -13,7 +13,9 @@ import psutil
 import pytest
 
 from agents.lifeline import Lifeline
+from agents.mission_file import load
 from agents.nursery import ForkedProcess, Nursery, NurseryError
+from agents.plugins import load as plugin
 from agents.processes import PROGRAM, Command
 from agents.supervisor import State, Supervisor
 
@@ -64,20 +66,23 @@ def test_nothing_that_forks_has_a_second_thread(nursery: Nursery, tmp_path: Path
 def test_a_forked_process_goes_by_its_command_and_leaves_with_its_lifeline(
     nursery: Nursery, tmp_path: Path
 ) -> None:
-    async def main() -> int:
+    async def main(endpoint: str) -> int:
         descriptor = os.open(tmp_path / "log", os.O_WRONLY | os.O_CREAT)
         line = Lifeline()
-        argv = ("robot", MISSION, "--id", "r1", "--connect", "tcp/127.0.0.1:1")
+        argv = ("robot", MISSION, "--id", "r1", "--connect", endpoint)
         process = await nursery.spawn(argv, log=descriptor, line=line.read_end)
         os.close(descriptor)
-        async with asyncio.timeout(10.0):
-            while " ".join(psutil.Process(process.pid).cmdline()) != " ".join(("searchparty", *argv)):
+        async with asyncio.timeout(20.0):
+            while "waiting for the fusion" not in (tmp_path / "log").read_text():
                 await asyncio.sleep(0.01)
+        assert " ".join(psutil.Process(process.pid).cmdline()) == " ".join(("searchparty", *argv))
         line.close()
         async with asyncio.timeout(10.0):
             return await process.wait()
 
-    asyncio.run(main())
+    mission = load(MISSION)
+    with plugin("routers", mission.link.kind)(mission.link) as router:
+        assert asyncio.run(main(router.endpoints[0])) == 0
 
 
 def test_without_its_nursery_a_process_starts_by_itself(nursery: Nursery, tmp_path: Path) -> None:
