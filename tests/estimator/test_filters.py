@@ -10,7 +10,11 @@ from agents import plugins
 from tests.estimator import contract
 
 TABLES: dict[str, dict[str, object]] = {"smc_phd": {"particles": 2000}}
-EXCUSED: dict[tuple[str, str], str] = {}
+EXCUSED: dict[tuple[str, str], str] = {
+    ("lmb", "an_empty_set_takes_mass_where_the_sensor_looked"): (
+        "a track that is certain to exist stays so when it is missed; tests/estimator/lmb has the exact factor"
+    )
+}
 CASES = [contract.Case(kind, d, TABLES.get(kind, {})) for kind in plugins.kinds("filters") for d in (2, 3)]
 
 
