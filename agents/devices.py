@@ -13,6 +13,7 @@ import msgspec
 
 from estimator.arrays import FloatArray
 from estimator.filter import Area
+from estimator.maps.sight import Sight
 from estimator.sensor import SensorModel
 from planner.plan import Trajectory, VehicleModel
 
@@ -35,6 +36,7 @@ class DeviceContext:
     start: FloatArray  # (4,) pose at the mission's start
     now: float = 0.0  # team time at which the device is made
     speed: float = 1.0  # team seconds per wall second
+    sight: Sight | None = None  # what hides targets from a simulated sensor
     extra: dict[str, Any] = field(default_factory=dict)
 
 

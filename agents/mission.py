@@ -29,6 +29,15 @@ class AreaTable(Strict, frozen=True, kw_only=True):
     max: Vector
 
 
+class MapTable(Strict, frozen=True, kw_only=True):
+    """What is known of walls."""
+
+    kind: str = "ros"  # reader, from the entry points searchparty.maps
+    file: Annotated[str, Meta(min_length=1)]
+    line_of_sight: bool = True  # sensors do not see through walls
+    unknown: Literal["clear", "blocks"] = "clear"  # whether sight goes through unknown cells
+
+
 class FoundTable(Strict, frozen=True, kw_only=True):
     """When a cluster counts as a found target, (MA)ASI section 3.3."""
 
@@ -118,6 +127,7 @@ class Mission(Strict, frozen=True, kw_only=True):
     match_m: Positive = 2.0  # a found target this near to a true one counts as it
     gospa_c_m: Positive = 10.0  # cut-off c of the GOSPA metric (p = 2)
     area: AreaTable
+    map: MapTable | None = None
     world: Table
     filter: Table
     found: FoundTable = FoundTable()

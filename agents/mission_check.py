@@ -41,9 +41,8 @@ def check(path_or_name: str, *, as_json: bool) -> int:
 
 def _refused_by_plugins(mission: Mission) -> list[str]:
     """What this machine lacks for a mission that is right; raises MissionError if it is not."""
-    team = Team.of(mission)
     try:
-        team.world(mission.seed)
+        Team.of(mission).world(mission.seed)
     except DataError as error:
         return [str(error)]
     return []

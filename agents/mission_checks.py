@@ -66,6 +66,7 @@ def check_mission(mission: Mission) -> list[Problem]:
         *_exploration(mission),
         *_candidates(mission),
         *_robots(mission),
+        *_map(mission),
         *_link(mission),
     ]
 
@@ -127,6 +128,11 @@ def _robots(mission: Mission) -> list[Problem]:
                 allowed = f"a number from {low:g} to {high:g}, inside the area"
                 problems.append(Problem(f"robots[{i}].start[{axis}]", show(robot.start[axis]), allowed))
     return problems
+
+
+def _map(mission: Mission) -> list[Problem]:
+    problem = None if mission.map is None else _check_kind("map.kind", "maps", mission.map.kind)
+    return [] if problem is None else [problem]
 
 
 def _link(mission: Mission) -> list[Problem]:

@@ -170,6 +170,8 @@ def _plain(mission: Mission, *, keep_directory: bool) -> dict[str, Any]:
 
 
 def _has_relative_path(mission: Mission) -> bool:
+    if mission.map is not None and _relative_path_in(Path(mission.map.file)):
+        return True
     for _, group, table in kind_tables(msgspec.to_builtins(mission)):
         body = {key: value for key, value in table.items() if key != "kind"}
         if _relative_path_in(convert(body, plugins.load(group, table["kind"]).Config)):

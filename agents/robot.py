@@ -36,6 +36,7 @@ from agents.mission import Mission
 from agents.topics import PLAN, POSE, SET
 from agents.transport import PeerChange
 from agents.unacknowledged import Unacknowledged
+from estimator.filter import Area
 from estimator.sensor import SensorModel
 from planner.plan import Commitment, Plan, PlanProblem, Trajectory, VehicleModel
 from planner.trigger import worth_measuring
@@ -58,6 +59,7 @@ class RobotSetup:
     first_capture: float | None = None  # of a sensor that has its own times
     plan_lead_s: float = 0.25  # how long before its start a plan is asked for
     stagger_s: float = 0.1  # at the start, robot i of the mission waits i times this before it plans
+    area: Area | None = None  # with its map; None: the mission's box
     patience: float = 1.0  # scales the re-offer time, for teams that run faster than the wall
 
 
@@ -70,11 +72,12 @@ class Robot:
         self.stamp = Stamp(mission.team, setup.robot, setup.boot)
         self._setup = setup
         self._mission = mission
+        self._area = setup.area or mission.box()
         self._order = [robot.id for robot in mission.robots]
         self._sensor = setup.sensors[setup.robot]
         self._period = setup.periods[setup.robot]
         self.belief = Belief(
-            self.id, mission.box(), tuple(mission.exploration.points), setup.sensors, setup.periods
+            self.id, self._area, tuple(mission.exploration.points), setup.sensors, setup.periods
         )
         self.unacknowledged = Unacknowledged(
             setup.boot, mission.settings.reoffer_after_s * max(1.0, setup.patience)
@@ -245,7 +248,7 @@ class Robot:
             clusters=self.belief.clusters(),
             exploration=self.belief.exploration(),
             others=others + standing,
-            area=self._mission.box(),
+            area=self._area,
             separation=self._mission.settings.separation_m,
         )
         self._conditioned_on = {other.robot: other.version for other in others}

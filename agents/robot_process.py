@@ -82,6 +82,7 @@ class RobotProcess:
             boot=shell.boot,
             vehicle=team.vehicle_models[robot_id],
             sensors=team.sensor_models,
+            area=team.area,
             periods=team.measure_periods,
             follows_plans=vehicle.follows_plans,
             first_capture=sensor.next_capture(now - 1e-9),

@@ -2,18 +2,22 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from agents import plugins
 from agents.devices import DeviceContext, Sensor, Vehicle, World
 from agents.errors import MissionError
 from agents.mission import Mission, RobotTable, start_pose
-from agents.tables import convert
+from agents.tables import convert, resolve_path, show
 from estimator.filter import Area, Filter
+from estimator.maps.line_of_sight import LineOfSight
+from estimator.maps.occupancy import OccupancyMap
+from estimator.maps.sight import Sight
 from estimator.search import Search
 from estimator.sensor import SensorModel
 from estimator.sensors.teammates import Teammates
@@ -31,6 +35,7 @@ class Team:
     vehicle_models: Mapping[str, VehicleModel]  # by robot id
     sensor_models: Mapping[str, SensorModel]
     measure_periods: Mapping[str, float]  # seconds
+    sight: Sight | None  # what hides targets from sensors; None: nothing does
     _world: Callable[[int], World]
     _vehicles: Mapping[str, Callable[[DeviceContext], Vehicle]]
     _sensors: Mapping[str, Callable[[DeviceContext], Sensor]]
@@ -41,9 +46,11 @@ class Team:
 
         Raises:
             MissionError: if a plugin refuses its table in the light of the rest of the mission.
+            DataError: if the map cannot be read.
         """
-        area = mission.box()
-        vehicle_models, sensor_models, periods = {}, {}, {}
+        area, sight = _ground(mission)
+        vehicle_models, periods = {}, {}
+        sensor_models: dict[str, SensorModel] = {}
         vehicles, sensors = {}, {}
         for i, robot in enumerate(mission.robots):
             with _naming(f"robots[{i}].vehicle"):
@@ -52,7 +59,8 @@ class Team:
                 vehicles[robot.id] = partial(kind.device, config)
             with _naming(f"robots[{i}].sensor"):
                 kind, config = _plugin("sensors", robot.sensor, mission)
-                sensor_models[robot.id] = kind.model(config, area)
+                model = kind.model(config, area)
+                sensor_models[robot.id] = model if sight is None else LineOfSight(model, sight)
                 sensors[robot.id] = partial(kind.device, config)
                 periods[robot.id] = float(config.period_s)
         with _naming("filter"):
@@ -70,6 +78,7 @@ class Team:
             vehicle_models,
             sensor_models,
             periods,
+            sight,
             partial(kind.world, config, area),
             vehicles,
             sensors,
@@ -132,7 +141,27 @@ class Team:
             start=start_pose(robot),
             now=now,
             speed=speed,
+            sight=self.sight,
         )
+
+
+def _ground(mission: Mission) -> tuple[Area, Sight | None]:
+    """The area with its map, and what the map does to sight."""
+    area, table = mission.box(), mission.map
+    if table is None:
+        return area, None
+    ground: OccupancyMap = plugins.load("maps", table.kind)(
+        resolve_path(mission.directory or None, table.file)
+    )
+    starts = np.array([robot.start[:2] for robot in mission.robots]).T
+    for i in np.flatnonzero(~ground.is_free(starts)):
+        raise MissionError(
+            f"robots[{i}].start: found {show(mission.robots[i].start)}; allowed are places in free space of "
+            f"{table.file}"
+        )
+    reachable = ground.reachable_from(starts)
+    sight = Sight.of(ground, unknown_blocks=table.unknown == "blocks") if table.line_of_sight else None
+    return replace(area, map=reachable), sight
 
 
 def _plugin(group: str, table: Mapping[str, Any], mission: Mission) -> tuple[Any, Any]:

@@ -3,14 +3,13 @@
 from typing import Any
 
 from agents.devices import DeviceContext, Sensor, Vehicle
-from agents.seeds import generator
 from estimator.filter import Area
 from estimator.sensor import SensorModel
 from estimator.sensors.range_bearing import RangeBearing
 from planner.plan import VehicleModel
 from planner.quadrotor import Quadrotor
 from planner.unicycle import Unicycle
-from sim.sensor import SimulatedSensor
+from sim.sensor import simulated
 from sim.vehicle import SimulatedVehicle
 
 
@@ -53,5 +52,4 @@ class RangeBearingKind:
 
     @staticmethod
     def device(config: Any, context: DeviceContext) -> Sensor:
-        rng = generator(context.seed, "sensor", context.robot)
-        return SimulatedSensor(RangeBearing.of(config, context.area), context.world, rng)
+        return simulated(RangeBearing.of(config, context.area), context)

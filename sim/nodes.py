@@ -95,6 +95,7 @@ class RobotNode(Node):
             boot=BOOT,
             vehicle=team.vehicle_models[robot],
             sensors=team.sensor_models,
+            area=team.area,
             periods=team.measure_periods,
             follows_plans=vehicle.follows_plans,
             first_capture=sensor.next_capture(-1.0),

@@ -2,8 +2,10 @@
 
 import numpy as np
 
-from agents.devices import Sensor, World
+from agents.devices import DeviceContext, Sensor, World
+from agents.seeds import generator
 from estimator.arrays import FloatArray
+from estimator.maps.line_of_sight import LineOfSight
 from estimator.sensor import SensorModel
 
 
@@ -17,3 +19,10 @@ class SimulatedSensor(Sensor):
 
     def measure(self, now: float, pose: FloatArray) -> FloatArray:
         return self._model.sample(self._world.targets(now), pose, self._rng)
+
+
+def simulated(model: SensorModel, context: DeviceContext) -> SimulatedSensor:
+    """One robot's sensor with its own random draws, which sees no target behind a wall of the map."""
+    if context.sight is not None:
+        model = LineOfSight(model, context.sight)
+    return SimulatedSensor(model, context.world, generator(context.seed, "sensor", context.robot))

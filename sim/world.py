@@ -28,7 +28,7 @@ class StaticWorld:
 
 
 class UniformWorldKind:
-    """`kind = "uniform"`: a number of targets anywhere in the area."""
+    """`kind = "uniform"`: a number of targets anywhere in the area, with a map anywhere in its free space."""
 
     class Config(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         targets: Annotated[int, Meta(ge=0, le=100_000)]
@@ -37,7 +37,7 @@ class UniformWorldKind:
 
     @staticmethod
     def world(config: Any, area: Area, seed: int) -> World:
-        """Raises MissionError if so many targets do not fit with that spacing."""
+        """Raises MissionError if so many targets do not fit with that spacing, into free space of the map."""
         rng = generator(seed, "world", "targets")
         low, high = area.low + config.margin_m, area.high - config.margin_m
         if (high <= low).any():
@@ -47,6 +47,8 @@ class UniformWorldKind:
             if len(points) == config.targets:
                 break
             point = rng.uniform(low, high)
+            if not area.is_free(point[:, None])[0]:
+                continue
             if all(np.linalg.norm(point - other) >= config.spacing_m for other in points):
                 points.append(point)
         else:
@@ -65,10 +67,15 @@ class FixedWorldKind:
 
     @staticmethod
     def world(config: Any, area: Area, seed: int) -> World:
-        """Raises MissionError if a position has another dimension than the area."""
+        """Raises MissionError if a position has another dimension than the area, or lies in no free space."""
         for i, position in enumerate(config.positions):
             if len(position) != area.dimension:
                 raise MissionError(
                     f"world.positions[{i}]: found {position}, allowed are {area.dimension} numbers"
+                )
+            if not area.is_free(np.array(position, dtype=np.float64)[:, None])[0]:
+                raise MissionError(
+                    f"world.positions[{i}]: found {position}, allowed are places in free space of the map "
+                    "that a way leads to"
                 )
         return StaticWorld(np.array(config.positions, dtype=float).reshape(-1, area.dimension).T.copy())

@@ -19,6 +19,7 @@ KIND_GROUPS = ("worlds", "filters", "planners", "vehicles", "sensors")
 MISSION_TABLES: dict[str, type[msgspec.Struct]] = {
     "## Top level": mission.Mission,
     "## [area]": mission.AreaTable,
+    "## [map]": mission.MapTable,
     "## [found]": mission.FoundTable,
     "## [teammates]": mission.TeammatesTable,
     "## [exploration]": mission.ExplorationTable,
