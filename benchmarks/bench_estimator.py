@@ -35,7 +35,7 @@ def scene(particles: int) -> tuple[SmcPhd, SmcPhdState, FloatArray]:
     state = filter.init(AREA, rng)
     positions = np.concatenate([rng.uniform(0.0, SIDE, (2, particles - particles // 2)), clouds], axis=1)
     state = SmcPhdState(
-        positions=np.ascontiguousarray(positions[:, rng.permutation(particles)]),
+        states=np.ascontiguousarray(positions[:, rng.permutation(particles)]),
         weights=np.full(particles, TARGETS / particles),
         labels=np.full(particles, -1),
         undetected=state.undetected,

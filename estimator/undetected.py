@@ -1,23 +1,26 @@
 """The intensity of targets that were never detected: smooth, so it is kept on a grid and not in particles.
 
-It starts uniform, grows by births, and falls by 1 - p_D where a sensor looked: exactly what (MA)ASI (12)-(13)
-do to it, without Monte Carlo noise. What a measurement makes of it is narrow and becomes particles, drawn
-where the measurement says the target is. Compare the undetected-target intensity of Olofsson et al., and the
-measurement-driven birth of Ristic, Clark, Vo & Vo (2012); here the prior of the new particles is the uniform
-intensity that the paper has, nothing is added to it.
+It starts uniform, grows by births, falls by 1 - p_D where a sensor looked, and fills up again where targets
+move (`estimator.diffusion`): what (MA)ASI (12)-(13) do to it, without Monte Carlo noise. What a measurement
+makes of it is narrow and becomes particles, drawn where the measurement says the target is. Compare the
+undetected-target intensity of Olofsson et al., and the measurement-driven birth of Ristic, Clark, Vo & Vo
+(2012); here the prior of the new particles is the uniform intensity that the paper has, nothing is added to
+it.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import pi
 
 import numpy as np
 
 from estimator.arrays import FloatArray, IntArray
+from estimator.diffusion import blurred, exchanged, parted, shifted
 from estimator.exploration import undetected
 from estimator.filter import Area
 from estimator.grid import interpolate, node_volumes, nodes
 from estimator.kernels import kernel
+from estimator.motion import Motion
 from estimator.sensor import SensorModel
 from estimator.sensors.known import bare
 
@@ -44,6 +47,9 @@ class Undetected:
 
     values: FloatArray  # (g1, ..., gd) targets per m^d
     area: Area
+    # Of moving targets with a velocity, else None and nothing:
+    parts: FloatArray | None = None  # (2, ..., 2, g1, ..., gd) `values` by direction of motion
+    travelled: tuple[float, ...] = ()  # (d,) metres that the parts have not been shifted yet
 
     @staticmethod
     def uniform(area: Area, points: tuple[int, ...], mass: float) -> "Undetected":
@@ -77,8 +83,19 @@ class Undetected:
             values[~self.area.is_free(points)] = 0.0
         return values
 
-    def later(self, survival: float, births: float) -> "Undetected":
-        """After survival with a probability and `births` expected new targets, (MA)ASI (12)."""
+    def later(
+        self, survival: float, births: float, motion: Motion | None = None, duration: float = 0.0
+    ) -> "Undetected":
+        """After survival with a probability and `births` expected new targets, (MA)ASI (12).
+
+        With a `motion`, targets have moved for `duration` seconds before; at borders and walls they turn.
+        """
+        if motion is not None and not motion.is_static:
+            return self._moved(motion, duration).later(survival, births)
+        if self.parts is not None:
+            born = births * _even(self.area, self.values.shape) / 2.0**self.area.dimension
+            parts = self.parts * survival + born
+            return replace(self, values=_together(parts), parts=parts)
         if self.area.map is None:
             return Undetected(self.values * survival + births / self.area.volume, self.area)
         return Undetected(self.values * survival + births * _even(self.area, self.values.shape), self.area)
@@ -86,8 +103,28 @@ class Undetected:
     def after(self, sensor: SensorModel, pose: FloatArray) -> "Undetected":
         """What stays undetected after a look, the first term of (13)."""
         values = self.values.copy()
-        undetected(values.reshape(-1), sensor.detection(self.nodes(), pose[None, :]))
-        return Undetected(values, self.area)
+        detection = sensor.detection(self.nodes(), pose[None, :])
+        undetected(values.reshape(-1), detection)
+        if self.parts is None:
+            return Undetected(values, self.area)
+        return replace(self, values=values, parts=self.parts * (1.0 - detection.reshape(values.shape)))
+
+    def _moved(self, motion: Motion, duration: float) -> "Undetected":
+        spacings = (self.area.high - self.area.low) / np.maximum(np.array(self.values.shape) - 1, 1)
+        config, free = motion.config, None
+        if self.area.map is not None:
+            free = self.area.is_free(self.nodes()).reshape(self.values.shape)
+        if config.kind == "random_walk":
+            return Undetected(blurred(self.values, spacings, config.drift**2 * duration, free), self.area)
+        parts = parted(self.values) if self.parts is None else self.parts
+        way = config.speed * duration + np.array(self.travelled or 0.0)
+        cells = np.floor(way / spacings)
+        parts = shifted(parts, tuple(cells.astype(int).tolist()), free)
+        if config.speed > 0.0:
+            forgotten = duration * 0.5 * (config.acceleration / config.speed) ** 2
+            parts = exchanged(parts, float(-np.expm1(-forgotten)))
+        travelled = tuple((way - cells * spacings).tolist())
+        return Undetected(_together(parts), self.area, parts, travelled)
 
 
 def _even(area: Area, points: tuple[int, ...]) -> FloatArray:
@@ -97,6 +134,10 @@ def _even(area: Area, points: tuple[int, ...]) -> FloatArray:
     if volume == 0.0:
         raise ValueError("grid_points: none of them lies in free space of the map; take more")
     return np.asarray(free / volume, dtype=np.float64)
+
+
+def _together(parts: FloatArray) -> FloatArray:
+    return np.asarray(parts.sum(axis=tuple(range(parts.ndim // 2))))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,21 +150,30 @@ class Explanations:
     probes: FloatArray  # (d, m * k) proposals already evaluated, k of each measurement in turn
     shares: FloatArray  # (m * k,) what each contributes to its e_j
     spread: float  # metres, root mean square distance of the measurements' locations from the truth
+    certain: bool = False  # whether p_D counts as 1 wherever it is not 0
 
 
 def explanations(
-    prior: Undetected, sensor: SensorModel, pose: FloatArray, measurements: FloatArray
+    prior: Undetected,
+    sensor: SensorModel,
+    pose: FloatArray,
+    measurements: FloatArray,
+    *,
+    certain: bool = False,
 ) -> Explanations:
-    """Importance sampling of e_j around where each measurement (m, s) points, with fixed points."""
+    """Importance sampling of e_j around where each measurement (m, s) points, with fixed points.
+
+    With `certain`, targets are detected for certain wherever they can be detected at all.
+    """
     d, m = sensor.dimension, len(measurements)
     centres = sensor.locate(measurements, pose)
     factors = _SPREAD**2 * np.ascontiguousarray(sensor.location_covariance(measurements, pose))
     spread = np.sqrt(_factorised(factors)) / _SPREAD
     units, owners = _PROBE_SETS[d], _owners(m, 2 * _PROBES)
-    probes, shares = _evaluated(prior, sensor, pose, measurements, centres, factors, owners, units)
+    probes, shares = _evaluated(prior, sensor, pose, measurements, centres, factors, owners, units, certain)
     shares /= 2 * _PROBES
     totals = shares.reshape(m, 2 * _PROBES).sum(axis=1)
-    return Explanations(totals, centres, factors, probes, shares, float(spread))
+    return Explanations(totals, centres, factors, probes, shares, float(spread), certain)
 
 
 @lru_cache(maxsize=256)
@@ -151,7 +201,15 @@ def detected(
     owners = np.repeat(np.arange(len(measurements)), counts)
     units = rng.standard_normal((sensor.dimension, owners.size))
     points, shares = _evaluated(
-        prior, sensor, pose, measurements, explained.centres, explained.factors, owners, units
+        prior,
+        sensor,
+        pose,
+        measurements,
+        explained.centres,
+        explained.factors,
+        owners,
+        units,
+        explained.certain,
     )
     totals = np.bincount(owners, shares, minlength=counts.size)
     lost = np.flatnonzero((counts > 0) & (totals <= 0.0))
@@ -176,6 +234,7 @@ def _evaluated(
     factors: FloatArray,
     owners: IntArray,
     units: FloatArray,
+    certain: bool,
 ) -> tuple[FloatArray, FloatArray]:
     """Proposals (d, b), b = owners.size, and p_D g v / q there, each for its own measurement (b,).
 
@@ -187,7 +246,8 @@ def _evaluated(
     look = bare(sensor).look(points, pose, measurements)
     shares *= prior.at(points)
     own = np.zeros(owners.size)
-    _pick(look.offsets, look.indices, look.likelihood, look.detection, owners, own)
+    detection = (look.detection > 0.0).astype(np.float64) if certain else look.detection
+    _pick(look.offsets, look.indices, look.likelihood, detection, owners, own)
     return points, shares * own
 
 

@@ -1,64 +1,41 @@
-"""The particle PHD filter for static targets: SMC-PHD, and IC-PHD by calling `update` sensor after sensor.
+"""The particle PHD filter: SMC-PHD, and IC-PHD by calling `update` sensor after sensor.
 
 (MA)ASI (11)-(16): Yousuf, Herzal, Lendek, Buşoniu, Control Engineering Practice, 2024, after Vo, Singh &
-Doucet (2005) and Liu, Ji, Zhang & Liao (2020). The intensity is a sum of two parts. What was never detected
-is smooth and lies on a grid (`estimator.undetected`); what was detected at least once is narrow and lies in
-particles. Only the representation differs from particles everywhere: with 10,000 of those in a 260 m cube the
-next one is 12 m away, further than most measurements reach, and a measurement without a particle near says
-nothing.
+Doucet (2005) and Liu, Ji, Zhang & Liao (2020). By default the intensity is a sum of two parts. What was never
+detected is smooth and lies on a grid (`estimator.undetected`); what was detected at least once is narrow and
+lies in particles. Only the representation differs from particles everywhere: with 10,000 of those in a 260 m
+cube the next one is 12 m away, further than most measurements reach, and a measurement without a particle
+near says nothing.
+
+With `initial = "grid"` particles are everywhere, as Dames & Kumar (2015, section IV-B) begin: for sensors
+whose measurements do not say a place, such as bearings, ranges or detections alone.
 """
 
-from dataclasses import dataclass, replace
-from typing import Annotated
+from collections.abc import Iterator
+from dataclasses import replace
 
-import msgspec
 import numpy as np
-from msgspec import Meta
 
-from estimator.arrays import BoolArray, Count, FloatArray, Fraction, IntArray, NonNegative, Positive
+from estimator.arrays import FloatArray, IntArray
 from estimator.filter import Area, Clusters
+from estimator.motion import Motion
 from estimator.sensor import SensorModel, checked_poses, validated
+from estimator.smc import regularisation
+from estimator.smc.clustering import clustered, grown, recentred, without
+from estimator.smc.config import SmcPhdConfig
 from estimator.smc.correction import corrected, explained
-from estimator.smc.kmeans import kmeans
-from estimator.smc.resampling import effective_size, effective_sizes, gathered, jittered, systematic
-from estimator.undetected import Explanations, Undetected, detected, explanations
+from estimator.smc.newcomers import Located, initial_places, newcomers, scattered
+from estimator.smc.regularisation import REACH
+from estimator.smc.resampling import systematic
+from estimator.smc.state import SmcPhdState, moved, with_velocities
+from estimator.smc.super_particles import at_most
+from estimator.undetected import Undetected
 
 # A measurement is left to the particles if they explain it so much better than the undetected part does,
 _PLAIN = 1e-2
 _TRACE = 1e-4  # or if the new target would have less mass than this.
-_REACH = 3.0  # standard deviations of a measurement's location that a cluster reaches by default
-
-
-class SmcPhdConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The filter's table in a mission."""
-
-    particles: Annotated[int, Meta(ge=100, le=10_000_000)] = 10_000  # at most
-    expected_targets: NonNegative = 1.0  # mass of the uniform prior intensity
-    birth: NonNegative = 0.0  # expected new targets per second in the whole area
-    survival: Fraction = 1.0  # p_S per second
-    spawning: NonNegative = 0.0  # targets that a detected one brings forth at its place, per second
-    spawning_from: NonNegative = 0.5  # mass from which a cluster spawns: it is there rather than not
-    spawning_to: Positive = 3.0  # mass up to which a cluster spawns
-    grid_points: list[Count] | None = None  # of the undetected intensity; default 33 x 33 or 17 x 17 x 17
-    jitter: NonNegative = 0.5  # bandwidth of the regularisation, 1 is the normal rule, 0 is none
-    roughening: NonNegative = 0.0  # noise on copies after resampling, in standard deviations of a location
-    cluster_cutoff_m: Positive | None = None  # default: 3 standard deviations of a measurement's location
-    cluster_least_mass: Positive = 0.1
-    cluster_separation: Positive = 3.0  # standard deviations at which two clusters are two
-    cluster_floor: NonNegative = 0.0  # width of a single particle, in standard deviations of a location
-    stray_sigmas: NonNegative = 0.0  # stray particles this near to a removed cluster go with it
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SmcPhdState:
-    """The intensity after some time and some measurement sets."""
-
-    positions: FloatArray  # (d, n) of the particles
-    weights: FloatArray  # (n,) expected targets each
-    labels: IntArray  # (n,) cluster of the last `clusters` call, -1 for none
-    undetected: Undetected
-    centres: FloatArray  # (d, c) of the last `clusters` call
-    reach: float  # metres, how far a measurement's target may be from where it points; 0 before the first
+_NEW = 200_000  # particles that one set may add, or as many as there may be
+_PAIRS = 20_000_000  # of particles and measurements looked at together: bounds the memory of large sets
 
 
 class SmcPhd:
@@ -72,46 +49,69 @@ class SmcPhd:
     def __repr__(self) -> str:
         return f"SmcPhd({self.config})"
 
-    def init(self, area: Area, rng: np.random.Generator) -> SmcPhdState:
-        """The uniform prior of `expected_targets`; draws nothing.
+    def init(self, area: Area, rng: np.random.Generator, places: FloatArray | None = None) -> SmcPhdState:
+        """The uniform prior of `expected_targets`, in particles if `initial` is "grid"; else draws nothing.
+
+        `places` (d, f) are then where targets can be; by default a grid over the area, with a map over its
+        free space.
 
         Raises:
-            ValueError: if grid_points does not fit the area.
+            ValueError: if grid_points does not fit the area, or places are none, not finite, outside the area
+                or more than `particles`.
         """
         d = area.dimension
         points = self.config.grid_points or ([33] * 2 if d == 2 else [17] * 3)
         if len(points) != d:
             raise ValueError(f"grid_points: expected {d} numbers, one per axis, got {points}")
-        return SmcPhdState(
-            positions=np.zeros((d, 0)),
+        state = SmcPhdState(
+            states=np.zeros((Motion(d, self.config.motion).state_size, 0)),
             weights=np.zeros(0),
             labels=np.zeros(0, np.int64),
             undetected=Undetected.uniform(area, tuple(points), self.config.expected_targets),
             centres=np.zeros((d, 0)),
             reach=0.0,
         )
+        if self.config.initial == "grid":
+            return self._everywhere(state, places, rng)
+        if places is not None:
+            raise ValueError('places: only with initial = "grid" are particles everywhere')
+        return state
 
     def predict(self, state: SmcPhdState, duration: float, rng: np.random.Generator) -> SmcPhdState:
-        """(12) over `duration` seconds: survival, birth, spawning; static targets do not move.
+        """(12) over `duration` seconds: motion, survival, birth, spawning; draws nothing for static targets.
 
-        Birth adds to the undetected intensity, evenly. Spawning adds to the clusters: what the constant Υ of
-        (12) does when it is added to the weight of every particle, wherever the particles are.
+        Birth adds to the undetected intensity, evenly; with particles everywhere it adds particles; with
+        `birth_at` "measurements" it waits for the next set. Spawning adds to the clusters: what the constant
+        Υ of (12) does when it is added to the weight of every particle, wherever the particles are.
 
         Raises:
             ValueError: if duration is negative or not finite.
         """
         if not 0.0 <= duration < np.inf:
             raise ValueError(f"duration: expected a finite number from 0 up, got {duration}")
-        config = self.config
-        if duration == 0.0 or (config.survival == 1.0 and config.birth == 0.0 and config.spawning == 0.0):
+        config, motion = self.config, self._motion(state)
+        constant = config.survival == 1.0 and config.birth == 0.0 and config.spawning == 0.0
+        if duration == 0.0 or (constant and motion.is_static):
             return state
-        survival = config.survival**duration
-        return replace(
+        survival, births = config.survival**duration, config.birth * duration
+        weights = state.weights
+        if not constant:
+            weights = weights * (survival * grown(state, config, duration) if config.spawning else survival)
+        if config.birth_at == "measurements":
+            state, births = replace(state, unborn=state.unborn * survival + births), 0.0
+        if state.places is not None and births > 0.0:
+            state, weights = self._born_anywhere(state, weights, births, rng)
+            births = 0.0
+        undetected = state.undetected
+        if state.places is None:
+            undetected = undetected.later(survival, births, motion, duration)
+        state = replace(
             state,
-            weights=state.weights
-            * (survival * self._growth(state, duration) if config.spawning else survival),
-            undetected=state.undetected.later(survival, config.birth * duration),
+            states=moved(state.states, motion, duration, undetected.area, rng),
+            weights=weights,
+            undetected=undetected,
         )
+        return state if motion.is_static else recentred(state)
 
     def update(
         self,
@@ -131,173 +131,148 @@ class SmcPhd:
         """
         pose = checked_poses(pose)[0]
         measurements = validated(measurements, sensor.measurement_size)
-        state = self._resampled_if_due(state, rng)
-        look = sensor.look(state.positions, pose, measurements)
-        prior = state.undetected
-        known = explained(state.weights, look)
-        new = explanations(prior, sensor, pose, measurements)
-        denominators = look.clutter + known
-        fresh = np.where(
-            (new.totals > _PLAIN * known) & (new.totals > _TRACE * denominators), new.totals, 0.0
-        )
-        denominators += fresh
+        if regularisation.is_due(state, self.config):
+            state = self.resampled(state, rng)
+        blocks = list(_blocks(measurements, state.weights.size))
+        weights, spreads, arrivals = state.weights, [], []
+        for k, block in enumerate(blocks):
+            look = sensor.look(state.positions, pose, block)
+            known = explained(state.weights, look)
+            parts = newcomers(state, sensor, pose, block, self.config.particles, rng)
+            denominators = look.clutter + known
+            fresh = [_shown(part.totals, known, denominators) for part in parts]
+            for totals in fresh:
+                denominators += totals
+            posterior = corrected(state.weights, look, denominators)
+            # A later block finds what was not detected counted already.
+            weights = posterior if k == 0 else weights + (posterior - state.weights * (1.0 - look.detection))
+            for part, totals in zip(parts, fresh, strict=True):
+                if totals.any():
+                    masses = np.divide(totals, denominators, out=np.zeros_like(totals), where=totals > 0.0)
+                    counts = self._counts(masses, len(measurements))
+                    arrivals.append(part.drawn(masses, counts, rng))
+                if isinstance(part, Located) and not part.explained.certain:
+                    spreads.append(part.explained.spread)
+        reach = state.reach
+        if len(measurements) and spreads:
+            reach = _mixed(reach, REACH * (sum(spreads) / len(spreads)))
         state = replace(
             state,
-            weights=corrected(state.weights, look, denominators),
-            undetected=prior.after(sensor, pose),
-            reach=_mixed(state.reach, _REACH * new.spread) if len(measurements) else state.reach,
+            weights=weights,
+            undetected=state.undetected.after(sensor, pose) if state.places is None else state.undetected,
+            reach=reach,
+            unborn=0.0,
         )
-        if fresh.any():
-            masses = np.divide(fresh, denominators, out=np.zeros_like(fresh), where=fresh > 0.0)
-            state = self._joined(state, prior, sensor, pose, measurements, new, masses, rng)
-        return state
+        return self._joined(state, arrivals, rng) if arrivals else state
 
     def clusters(self, state: SmcPhdState, rng: np.random.Generator) -> tuple[SmcPhdState, Clusters]:
-        """K-means of the particles; the state remembers labels and centres. Draws nothing.
-
-        A few particles are narrower than what they stand for: with a `cluster_floor` f, covariances grow by
-        (f sigma)^2 / n, sigma the standard deviation of where measurements point and n the effective number
-        of the cluster's particles.
-        """
-        cutoff = self.config.cluster_cutoff_m or state.reach
-        if cutoff <= 0.0:
-            return state, Clusters.none(state.positions.shape[0])
-        found, labels = kmeans(
-            state.positions,
-            state.weights,
-            cutoff,
-            least=self.config.cluster_least_mass,
-            separation=self.config.cluster_separation,
-            start=state.centres,
-        )
-        if self.config.cluster_floor > 0.0:
-            effective = effective_sizes(state.weights, labels, found.masses.size)
-            found = _widened(found, (self.config.cluster_floor * state.reach / _REACH) ** 2 / effective)
-        return replace(state, labels=labels, centres=found.means), found
+        """K-means of the particles, see `estimator.smc.clustering`. Draws nothing."""
+        return clustered(state, self.config)
 
     def remove(self, state: SmcPhdState, clusters: IntArray) -> SmcPhdState:
-        """Without the particles of the given clusters; the others keep their numbers.
-
-        With `stray_sigmas`, particles in no cluster go too where they are that near to a removed one: they
-        are its tail, and one of them alone would otherwise explain the target's next odd measurement.
-        """
-        gone = np.isin(state.labels, clusters) & (state.labels >= 0)
-        if self.config.stray_sigmas > 0.0:
-            stray = np.flatnonzero(state.labels < 0)
-            for c in clusters:
-                near = _within(state, state.labels == c, stray, self.config.stray_sigmas)
-                gone[near] = True
-        kept = ~gone
-        return replace(
-            state,
-            positions=np.ascontiguousarray(state.positions[:, kept]),
-            weights=state.weights[kept],
-            labels=state.labels[kept],
-        )
+        """Without the particles of the given clusters; the others keep their numbers."""
+        return without(state, self.config, clusters)
 
     def mass(self, state: SmcPhdState) -> float:
-        """The expected number of targets in the intensity, undetected ones among them."""
-        return float(state.weights.sum()) + state.undetected.mass()
+        """The expected number of targets in the intensity, undetected and newborn ones among them."""
+        return float(state.weights.sum()) + state.undetected.mass() + state.unborn
 
     def points(self, state: SmcPhdState) -> tuple[FloatArray, FloatArray]:
         """The whole intensity as points (d, n) with weights (n,): particles, then the grid's nodes."""
+        if state.places is not None:
+            return state.positions, state.weights
         points = np.concatenate([state.positions, state.undetected.nodes()], axis=1)
         masses: FloatArray = np.concatenate([state.weights, state.undetected.node_masses()])
         return points, masses
 
     def thinned(self, state: SmcPhdState, size: int) -> tuple[FloatArray, FloatArray]:
-        """At most `size` points (d, k) with weights (k,) that stand for the intensity, mass kept."""
+        """At most `size` points (d, k) with weights (k,) that stand for the intensity, mass kept.
+
+        By systematic resampling, or as super-particles, as `thinning` says.
+        """
         points, weights = self.points(state)
+        if self.config.thinning == "super_particles":
+            return at_most(points, weights, size)
         total = float(weights.sum())
         if total <= 0.0 or size < 1:
             return np.zeros((points.shape[0], 0)), np.zeros(0)
         chosen, counts = np.unique(systematic(weights, size, 0.5), return_counts=True)
         return np.ascontiguousarray(points[:, chosen]), np.asarray(counts * (total / size), dtype=np.float64)
 
-    def _growth(self, state: SmcPhdState, duration: float) -> FloatArray:
-        """(n,) by what spawning multiplies each weight: exp(spawning duration), kept below `spawning_to`.
-
-        Stray particles, in no cluster, and clusters that are rather nothing bring forth nothing: they would
-        grow into targets of their own.
-        """
-        inside = state.labels >= 0
-        masses = np.bincount(state.labels[inside], state.weights[inside], state.centres.shape[1])
-        room = np.maximum(self.config.spawning_to / np.maximum(masses, 1e-300), 1.0)
-        growth = np.minimum(np.exp(self.config.spawning * duration), room)
-        growth[masses < self.config.spawning_from] = 1.0
-        return np.asarray(np.append(growth, 1.0)[state.labels])  # label -1 takes the last
-
-    def _resampled_if_due(self, state: SmcPhdState, rng: np.random.Generator) -> SmcPhdState:
-        n = state.weights.size
-        if n <= self.config.particles and effective_size(state.weights) >= 0.5 * n:
-            return state
-        return self.resampled(state, rng)
-
     def resampled(self, state: SmcPhdState, rng: np.random.Generator) -> SmcPhdState:
-        """The same intensity in equal weights and other places: systematic, then jitter within clusters, then
-        roughening of copies (Gordon, Salmond & Smith 1993), which also reaches what is in no cluster.
+        """The same intensity in equal weights and other places, see `estimator.smc.regularisation`."""
+        return regularisation.resampled(state, self.config, rng)
 
-        A quarter of `particles` per expected target, at most `particles`.
-        """
-        mass = float(state.weights.sum())
-        if mass <= 0.0:
-            none = np.zeros(0, dtype=np.int64)
-            return replace(state, positions=state.positions[:, :0].copy(), weights=np.zeros(0), labels=none)
-        count = int(np.clip(np.ceil(0.25 * self.config.particles * mass), 100, self.config.particles))
-        chosen = systematic(state.weights, count, rng.random())
-        positions, labels = gathered(state.positions, chosen), state.labels[chosen]
-        if self.config.jitter > 0.0 and state.centres.shape[1]:
-            clusters = int(state.labels.max(initial=-1)) + 1
-            effective = effective_sizes(state.weights, state.labels, clusters)
-            noise = rng.standard_normal(positions.shape)
-            area = state.undetected.area
-            jittered(positions, labels, effective, self.config.jitter, noise, area.low, area.high)
-        if self.config.roughening > 0.0:
-            step = self.config.roughening * state.reach / _REACH
-            copies = np.append(False, chosen[1:] == chosen[:-1])
-            positions += step * copies * rng.standard_normal(positions.shape)
-        return replace(state, positions=positions, weights=np.full(count, mass / count), labels=labels)
+    def _motion(self, state: SmcPhdState) -> Motion:
+        return Motion(state.centres.shape[0], self.config.motion)
+
+    def _everywhere(
+        self, state: SmcPhdState, places: FloatArray | None, rng: np.random.Generator
+    ) -> SmcPhdState:
+        """The prior as particles of equal weight at the places."""
+        config, area = self.config, state.undetected.area
+        places, spacing = initial_places(area, config.particles, config.spacing_m, places)
+        n = places.shape[1]
+        return replace(
+            state,
+            states=with_velocities(places, self._motion(state), rng),
+            weights=np.full(n, config.expected_targets / n),
+            labels=np.full(n, -1),
+            undetected=Undetected.uniform(area, (1,) * area.dimension, 0.0),
+            reach=REACH * spacing,
+            places=places,
+            spacing=spacing,
+        )
+
+    def _born_anywhere(
+        self, state: SmcPhdState, weights: FloatArray, births: float, rng: np.random.Generator
+    ) -> tuple[SmcPhdState, FloatArray]:
+        """The state with particles of `births` expected targets; its weights are the ones returned."""
+        count = int(np.ceil(births * self._each))
+        states = with_velocities(scattered(state, count, rng), self._motion(state), rng)
+        return _with(state, states), np.append(weights, np.full(count, births / count))
+
+    @property
+    def _each(self) -> int:
+        """Particles for a new target."""
+        return max(50, self.config.particles // 20)
+
+    def _counts(self, masses: FloatArray, measurements: int) -> IntArray:
+        """Particles for what a block of the set's measurements shows, fewer if the set is very large."""
+        most = max(self.config.particles, _NEW) // measurements
+        return np.ceil(masses * max(1, min(self._each, most))).astype(np.int64)
 
     def _joined(
         self,
         state: SmcPhdState,
-        prior: Undetected,
-        sensor: SensorModel,
-        pose: FloatArray,
-        measurements: FloatArray,
-        new: Explanations,
-        masses: FloatArray,
+        arrivals: list[tuple[FloatArray, FloatArray]],
         rng: np.random.Generator,
     ) -> SmcPhdState:
-        """The state with what the measurements show of the undetected intensity."""
-        counts = np.ceil(masses * max(50, self.config.particles // 20)).astype(np.int64)
-        points, weights = detected(prior, sensor, pose, measurements, new, masses, counts, rng)
-        return replace(
-            state,
-            positions=np.concatenate([state.positions, points], axis=1),
-            weights=np.concatenate([state.weights, weights]),
-            labels=np.concatenate([state.labels, np.full(weights.size, -1)]),
-        )
+        """The state with what the measurements show of the intensity outside the particles."""
+        points = np.concatenate([points for points, _ in arrivals], axis=1)
+        weights = np.concatenate([state.weights, *(weights for _, weights in arrivals)])
+        return replace(_with(state, with_velocities(points, self._motion(state), rng)), weights=weights)
 
 
-def _widened(clusters: Clusters, variances: FloatArray) -> Clusters:
-    """Clusters (c) with isotropic variances (c,) added."""
-    d = clusters.means.shape[0]
-    covariances = clusters.covariances + variances[:, None, None] * np.eye(d)
-    radii = np.sqrt(np.trace(covariances, axis1=1, axis2=2) / d)
-    return Clusters(clusters.means, covariances, clusters.masses, radii)
+def _with(state: SmcPhdState, states: FloatArray) -> SmcPhdState:
+    """The state with more particles, in no cluster, whose weights are not yet in it."""
+    return replace(
+        state,
+        states=np.concatenate([state.states, states], axis=1),
+        labels=np.concatenate([state.labels, np.full(states.shape[1], -1)]),
+    )
 
 
-def _within(state: SmcPhdState, members: BoolArray, candidates: IntArray, sigmas: float) -> IntArray:
-    """Those candidates (k,) less than `sigmas` Mahalanobis distances from the cluster of the members (n,)."""
-    positions, weights = state.positions[:, members], state.weights[members]
-    if candidates.size == 0 or weights.sum() <= 0.0:
-        return candidates[:0]
-    mean = np.average(positions, axis=1, weights=weights)[:, None]
-    spread = np.atleast_2d(np.cov(positions, aweights=weights, ddof=0))
-    steps = state.positions[:, candidates] - mean
-    squares = np.sum(steps * (np.linalg.pinv(spread, hermitian=True) @ steps), axis=0)
-    return np.asarray(candidates[squares < sigmas**2])
+def _blocks(measurements: FloatArray, particles: int) -> Iterator[FloatArray]:
+    """The set in parts of so many measurements that particles times measurements stay in memory."""
+    rows = int(np.clip(_PAIRS // max(particles, 1), 16, 256))
+    for begin in range(0, max(len(measurements), 1), rows):
+        yield measurements[begin : begin + rows]
+
+
+def _shown(totals: FloatArray, known: FloatArray, denominators: FloatArray) -> FloatArray:
+    """Those totals (m,) that become particles; 0 for measurements left to the particles there are."""
+    return np.where((totals > _PLAIN * known) & (totals > _TRACE * denominators), totals, 0.0)
 
 
 def _mixed(old: float, new: float) -> float:

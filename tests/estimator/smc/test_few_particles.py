@@ -32,7 +32,7 @@ def few(filter: SmcPhd, positions: list[list[float]], reach: float = 0.9) -> Smc
     n = points.shape[1]
     return replace(
         filter.init(AREA, np.random.default_rng(0)),
-        positions=points,
+        states=points,
         weights=np.full(n, 0.5),
         labels=np.full(n, -1),
         reach=reach,

@@ -33,7 +33,7 @@ def particles(filter: SmcPhd, n: int = 3000, mass: float = 3.0, seed: int = 0) -
     rng = np.random.default_rng(seed)
     state = filter.init(AREA, rng)
     x = TARGETS[:, rng.integers(0, 3, n)] + rng.standard_normal((2, n))
-    return replace(state, positions=x, weights=np.full(n, mass / n), labels=np.full(n, -1))
+    return replace(state, states=x, weights=np.full(n, mass / n), labels=np.full(n, -1))
 
 
 def test_the_prior_expects_the_missions_number_of_targets() -> None:
@@ -124,7 +124,7 @@ def test_turning_and_moving_everything_changes_no_weight() -> None:
     state, z = particles(filter), model.measure(TARGETS, POSE)
     turn, shift = 2.2, np.array([[13.0], [-40.0]])
     rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
-    moved = replace(state, positions=np.ascontiguousarray(rotation @ state.positions + shift))
+    moved = replace(state, states=np.ascontiguousarray(rotation @ state.positions + shift))
     pose = np.concatenate([(rotation @ POSE[:2, None] + shift)[:, 0], [POSE[2], POSE[3] + turn]])
     here = filter.update(state, model, POSE, z, np.random.default_rng(1))
     there = filter.update(moved, model, pose, z, np.random.default_rng(1))

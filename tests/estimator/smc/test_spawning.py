@@ -24,7 +24,7 @@ def clouds(filter: SmcPhd, stray: float = 0.05) -> SmcPhdState:
     )
     state = replace(
         filter.init(AREA, rng),
-        positions=positions,
+        states=positions,
         weights=np.append(masses, stray),
         labels=np.full(positions.shape[1], -1),
     )
@@ -90,7 +90,7 @@ def test_a_removed_cluster_takes_the_strays_of_its_tail(sigmas: float, left: int
     n = tail.shape[1]
     state = replace(
         state,
-        positions=np.concatenate([state.positions, tail], axis=1),
+        states=np.concatenate([state.positions, tail], axis=1),
         weights=np.concatenate([state.weights, np.full(n, 1e-3)]),
         labels=np.concatenate([state.labels, np.full(n, -1)]),
     )
