@@ -105,3 +105,26 @@ def first_indefinite(matrices: FloatArray) -> int:
         if not factorise(matrices[i], factor):
             return i
     return -1
+
+
+@kernel
+def sigma_points(means: FloatArray, covariances: FloatArray, owners: IntArray, points: FloatArray) -> int:
+    """Fills points (d, k (2 d + 1)): of each Gaussian its mean, then mean +- sqrt(3) L e_b for each axis b.
+
+    Its covariance is `covariances[owners[i]]`. With weights 1 - d / 3 and 1 / 6, means of polynomials up to
+    the third degree are exact. Returns the index of a covariance that is not positive definite, or -1.
+    """
+    d, each = points.shape[0], 2 * points.shape[0] + 1
+    factor = np.empty((d, d))
+    reach, last = np.sqrt(3.0), -1
+    for i in range(means.shape[0]):
+        if owners[i] != last:  # those of one owner lie together
+            last = owners[i]
+            if not factorise(covariances[last, :d, :d], factor):
+                return int(last)
+        for a in range(d):
+            points[a, i * each] = means[i, a]
+            for b in range(d):
+                points[a, i * each + 1 + 2 * b] = means[i, a] + reach * factor[a, b]
+                points[a, i * each + 2 + 2 * b] = means[i, a] - reach * factor[a, b]
+    return -1

@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 
 from estimator.arrays import BoolArray, FloatArray, IntArray
-from estimator.gaussian.components import factorise
+from estimator.gaussian.components import factorise, sigma_points
 from estimator.kernels import kernel
 from estimator.sensor import GaussianSensor
 
@@ -71,6 +71,11 @@ def kalman_pairs(
     return gated(means, expected, measurements, sensor.angular, gate)
 
 
+def summed(values: FloatArray, measurements: IntArray, count: int) -> FloatArray:
+    """Sums (count,) of the pairs' values (p,) by measurement."""
+    return np.asarray(np.bincount(measurements, values, minlength=count), dtype=np.float64)
+
+
 def innovations(
     means: FloatArray, covariances: FloatArray, sensor: GaussianSensor, pose: FloatArray, rule: Rule
 ) -> Innovations:
@@ -90,7 +95,7 @@ def innovations(
         bad = _extended(covariances, jacobians, sensor.noise, factors, gains, posterior)
     else:
         points = np.empty((d, k * (2 * d + 1)))
-        bad = _sigma_points(means, covariances, points)
+        bad = sigma_points(means, covariances, np.arange(k), points)
         if bad < 0:
             seen = np.ascontiguousarray(sensor.measure(points, pose))
             bad = _unscented(
@@ -212,23 +217,6 @@ def _whiten(cross: FloatArray, lower: FloatArray, out: FloatArray) -> None:
             for c in range(b):
                 total -= out[a, c] * lower[b, c]
             out[a, b] = total / lower[b, b]
-
-
-@kernel
-def _sigma_points(means: FloatArray, covariances: FloatArray, points: FloatArray) -> int:
-    """Points (d, k (2 d + 1)), those of a component in turn, its mean first; as `_extended` returns."""
-    d, each = points.shape[0], 2 * points.shape[0] + 1
-    reach = np.sqrt(3.0)  # sqrt(d + kappa)
-    factor = np.empty((d, d))
-    for i in range(means.shape[0]):
-        if not factorise(covariances[i, :d, :d], factor):
-            return i
-        for a in range(d):
-            points[a, i * each] = means[i, a]
-            for b in range(d):
-                points[a, i * each + 1 + 2 * b] = means[i, a] + reach * factor[a, b]
-                points[a, i * each + 2 + 2 * b] = means[i, a] - reach * factor[a, b]
-    return -1
 
 
 @kernel
