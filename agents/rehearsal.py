@@ -10,7 +10,7 @@ from agents.mission import start_pose
 from agents.team import Team
 from estimator.exploration import Exploration
 from planner.plan import Commitment, PlanProblem
-from planner.trigger import worth_measuring
+from planner.maasi.trigger import worth_measuring
 
 
 def rehearse_robot(team: Team, robot: str) -> None:

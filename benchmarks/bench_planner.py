@@ -8,11 +8,11 @@ from estimator.exploration import Exploration
 from estimator.filter import Area
 from estimator.sensors.range_bearing import RangeBearing
 from estimator.smc.kmeans import kmeans
-from planner.candidates import CandidateGrid
-from planner.maasi import Maasi
-from planner.maasi_joint import MaasiJoint
+from planner.maasi.candidates import CandidateGrid
+from planner.maasi.maasi import Maasi
+from planner.maasi.maasi_joint import MaasiJoint
 from planner.plan import Commitment, PlannerSetup, PlanProblem
-from planner.quadrotor import Quadrotor
+from planner.vehicles.quadrotor import Quadrotor
 
 SIDE = 260.0
 STARTS = {"a": [1.0, 1.0, 1.0, 0.0], "b": [250.0, 250.0, 250.0, 0.0]}

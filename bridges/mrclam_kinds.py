@@ -20,7 +20,7 @@ from estimator.filter import Area
 from estimator.sensor import SensorModel
 from estimator.sensors.range_bearing import RangeBearing, RangeBearingConfig
 from planner.plan import Trajectory, VehicleModel
-from planner.unicycle import Unicycle
+from planner.vehicles.unicycle import Unicycle
 
 
 class Table(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -7,12 +7,12 @@ import numpy as np
 from estimator.exploration import Exploration
 from estimator.filter import Area
 from estimator.sensors.range_bearing import RangeBearing
-from planner.candidates import CandidateGrid
-from planner.maasi import Maasi
-from planner.maasi_joint import MaasiJoint
+from planner.maasi.candidates import CandidateGrid
+from planner.maasi.maasi import Maasi
+from planner.maasi.maasi_joint import MaasiJoint
 from planner.plan import Commitment, PlannerSetup, PlanProblem, VehicleModel
-from planner.quadrotor import Quadrotor
-from planner.unicycle import Unicycle
+from planner.vehicles.quadrotor import Quadrotor
+from planner.vehicles.unicycle import Unicycle
 
 
 def warmups() -> list[tuple[str, Callable[[], None]]]:

@@ -7,8 +7,8 @@ from estimator.filter import Area
 from estimator.sensor import SensorModel
 from estimator.sensors.range_bearing import RangeBearing
 from planner.plan import VehicleModel
-from planner.quadrotor import Quadrotor
-from planner.unicycle import Unicycle
+from planner.vehicles.quadrotor import Quadrotor
+from planner.vehicles.unicycle import Unicycle
 from sim.sensor import simulated
 from sim.vehicle import SimulatedVehicle
 

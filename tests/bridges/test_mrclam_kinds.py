@@ -21,7 +21,7 @@ from bridges.mrclam_kinds import (
     WorldConfig,
 )
 from estimator.filter import Area
-from planner.unicycle import Unicycle
+from planner.vehicles.unicycle import Unicycle
 from sim.world import UniformWorldKind
 
 ROOT = Path(__file__).resolve().parents[2]

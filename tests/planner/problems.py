@@ -7,7 +7,7 @@ import numpy as np
 from estimator.exploration import Exploration
 from estimator.filter import Area
 from planner.plan import Commitment, PlannerSetup, PlanProblem, Trajectory
-from planner.quadrotor import Quadrotor
+from planner.vehicles.quadrotor import Quadrotor
 
 
 class NumpySensor:

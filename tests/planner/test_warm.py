@@ -20,7 +20,7 @@ kernels = [
 before = [len(k.signatures) for k in kernels]
 from estimator.exploration import Exploration
 from estimator.sensors.range_bearing import RangeBearing
-from planner.maasi_joint import MaasiJoint
+from planner.maasi.maasi_joint import MaasiJoint
 from planner.plan import PlannerSetup
 for d in (2, 3):
     setup = team(d)

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from estimator.filter import Area
-from planner.candidates import CandidateGrid
+from planner.maasi.candidates import CandidateGrid
 
 
 def test_paper_grid_has_27_places_80_metres_apart():

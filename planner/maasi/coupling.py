@@ -6,8 +6,8 @@ import numpy as np
 
 from estimator.arrays import BoolArray, FloatArray, IntArray
 from estimator.kernels import kernel
-from planner.coverage import explore
-from planner.outlook import SAME_PLACE, Outlook, candidate_looks
+from planner.maasi.coverage import explore
+from planner.maasi.outlook import SAME_PLACE, Outlook, candidate_looks
 from planner.plan import Commitment, PlannerSetup, PlanProblem
 from planner.separation import clearances
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from planner.prediction import finer, measure_steps, measurements_only
+from planner.vehicles.prediction import finer, measure_steps, measurements_only
 from tests.planner.problems import drone
 
 

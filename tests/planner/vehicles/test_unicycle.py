@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from planner.unicycle import Unicycle
+from planner.vehicles.unicycle import Unicycle
 
 
 def robot(**changes):

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from planner.candidates import CandidateGrid
-from planner.maasi import Maasi
-from planner.maasi_joint import MaasiJoint
+from planner.maasi.candidates import CandidateGrid
+from planner.maasi.maasi import Maasi
+from planner.maasi.maasi_joint import MaasiJoint
 from planner.plan import TeamPlanner
 from tests.planner.problems import committed, problem, slow_looks, slow_objective, team
 from tests.planner.test_maasi import gap, standing

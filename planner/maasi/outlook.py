@@ -12,9 +12,9 @@ import numpy as np
 from estimator.arrays import BoolArray, FloatArray, IntArray
 from estimator.sensor import SensorModel
 from planner.commitments import Looks, looks, position_at, usable
-from planner.coverage import BATCH, cell_corners, explore
+from planner.maasi.coverage import BATCH, cell_corners, explore
 from planner.plan import Commitment, PlannerSetup, PlanProblem, Predictions, VehicleModel
-from planner.prediction import finer, measure_steps, measurements_only
+from planner.vehicles.prediction import finer, measure_steps, measurements_only
 from planner.separation import clearances
 
 SAME_PLACE = 1e-6  # m

@@ -32,9 +32,9 @@ import numpy as np
 
 from estimator.arrays import FloatArray, Positive
 from planner.plan import Predictions, Trajectory
-from planner.prediction import measure_steps, measure_times, sampled, step_bounds
-from planner.quadrotor_flight import LANES, ROWS, STATES, TOLERANCE, WAYPOINT, fly, predict
-from planner.quadrotor_lqr import lqr
+from planner.vehicles.prediction import measure_steps, measure_times, sampled, step_bounds
+from planner.vehicles.quadrotor_flight import LANES, ROWS, STATES, TOLERANCE, WAYPOINT, fly, predict
+from planner.vehicles.quadrotor_lqr import lqr
 
 
 class QuadrotorConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from estimator.exploration import Exploration
-from planner.trigger import worth_measuring
+from planner.maasi.trigger import worth_measuring
 from tests.planner.problems import NumpySensor, interpolated
 
 

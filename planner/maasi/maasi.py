@@ -2,7 +2,7 @@
 
 Source: Yousuf, Herzal, Lendek, Buşoniu, "Multi-agent active multi-target search with intermittent
 measurements", Control Engineering Practice, 2024, sections 4 and 6. The paper plans in a centre, jointly for
-all robots that need a plan at the same instant (see `planner.maasi_joint`); here each plans for itself, and
+all robots that need a plan at the same instant (see `planner.maasi.maasi_joint`); here each plans for itself, and
 all others are "continuing agents" whose trajectories it knows.
 """
 
@@ -12,8 +12,8 @@ import msgspec
 import numpy as np
 
 from estimator.arrays import FloatArray, NonNegative
-from planner.candidates import CandidateGrid
-from planner.outlook import Outlook, outlook
+from planner.maasi.candidates import CandidateGrid
+from planner.maasi.outlook import Outlook, outlook
 from planner.plan import Plan, PlannerSetup, PlanProblem
 
 DEFAULT_POINTS = {2: 4, 3: 3}  # candidates per axis where the mission names none

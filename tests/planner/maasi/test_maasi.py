@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from estimator.exploration import Exploration
-from planner.candidates import CandidateGrid
-from planner.maasi import Maasi
-from planner.outlook import outlook
+from planner.maasi.candidates import CandidateGrid
+from planner.maasi.maasi import Maasi
+from planner.maasi.outlook import outlook
 from planner.plan import Commitment, PlannerSetup
 from tests.planner.problems import committed, problem, slow_looks, slow_objective, team
 
@@ -255,9 +255,9 @@ def test_terms_do_not_depend_on_how_the_work_is_cut(monkeypatch):
     setup = team(3, "ab")
     given = problem(setup, 7, others=others_of(setup, 7, "b"), period=0.2)
     expected = planner(setup).plan(given)
-    monkeypatch.setattr("planner.coverage.CALL", 1)
-    monkeypatch.setattr("planner.coverage.BATCH", 100)
-    monkeypatch.setattr("planner.outlook.BATCH", 10)
+    monkeypatch.setattr("planner.maasi.coverage.CALL", 1)
+    monkeypatch.setattr("planner.maasi.coverage.BATCH", 100)
+    monkeypatch.setattr("planner.maasi.outlook.BATCH", 10)
     plan = planner(setup).plan(given)
     assert plan.objective == pytest.approx(expected.objective, rel=1e-12)
 

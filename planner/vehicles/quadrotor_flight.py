@@ -12,8 +12,8 @@ import numpy as np
 
 from estimator.arrays import FloatArray, IntArray
 from estimator.kernels import exact_kernel
-from planner.prediction import grown
-from planner.quadrotor_lqr import GRAVITY
+from planner.vehicles.prediction import grown
+from planner.vehicles.quadrotor_lqr import GRAVITY
 
 APPROACH = 2.0  # 1/s: the last metres of the reference, where sqrt(2 a d) would be infinitely steep
 LANES = 4

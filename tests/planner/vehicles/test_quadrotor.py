@@ -3,7 +3,7 @@ import pytest
 from scipy.linalg import expm, solve_discrete_are
 
 from planner import quadrotor_lqr as weights
-from planner.quadrotor import Quadrotor
+from planner.vehicles.quadrotor import Quadrotor
 from tests.planner.problems import drone
 
 

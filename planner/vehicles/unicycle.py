@@ -25,7 +25,7 @@ import numpy as np
 from estimator.arrays import FloatArray, IntArray, Positive
 from estimator.kernels import exact_kernel
 from planner.plan import Predictions, Trajectory
-from planner.prediction import grown, measure_steps, measure_times, sampled, step_bounds
+from planner.vehicles.prediction import grown, measure_steps, measure_times, sampled, step_bounds
 
 STATES = 6  # x, y, z (kept), yaw, v, ω
 

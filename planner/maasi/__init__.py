@@ -1,0 +1,1 @@
+"""The planners of (MA)ASI."""

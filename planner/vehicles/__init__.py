@@ -1,0 +1,1 @@
+"""How vehicles move: one code for prediction and for simulation."""
