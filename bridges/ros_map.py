@@ -114,7 +114,7 @@ def occupancy(header: MapHeader) -> np.ndarray:
         if header.mode == "trinary" and alpha is not None:
             shade = (3.0 * shade + alpha) / 4.0
         dark = shade if header.negate else 1.0 - shade
-        between = -1.0
+        between = np.full(dark.shape, -1.0)
         if header.mode == "scale":
             share = (dark - header.free) / (header.occupied - header.free)
             between = np.rint(100.0 * np.clip(share, 0.0, 1.0))
@@ -144,7 +144,7 @@ def _pixels(file: Path) -> tuple[np.ndarray, np.ndarray | None]:
 
 
 def _number(file: Path, table: dict[Any, Any], key: str, low: float, high: float) -> float:
-    value = table.get(key)
+    value: Any = table.get(key)
     if not _is_finite(value) or not low <= value <= high:
         allowed = f"from {low:g} to {high:g}" if math.isfinite(high) else f">= {low:g}"
         raise DataError(f"{file}: {key}: expected a number {allowed}, found {_show(value)}")

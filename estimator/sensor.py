@@ -89,9 +89,12 @@ def gaussian(sensor: SensorModel) -> GaussianSensor:
     Raises:
         ValueError: if it is not: what uses Kalman updates cannot use this sensor.
     """
-    if not hasattr(sensor, "jacobian"):
+    inner: object = sensor
+    while hasattr(inner, "sensor"):  # what wraps a sensor forwards a Jacobian whether there is one or not
+        inner = inner.sensor
+    if not hasattr(inner, "jacobian"):
         raise ValueError(
-            f"sensor: a Kalman update needs Gaussian noise and a Jacobian, {type(sensor).__name__} has none; "
+            f"sensor: a Kalman update needs Gaussian noise and a Jacobian, {type(inner).__name__} has none; "
             "use a particle filter with it"
         )
     return cast(GaussianSensor, sensor)

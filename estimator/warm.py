@@ -8,6 +8,7 @@ import numpy as np
 from estimator.filter import Area
 from estimator.gaussian import warm as gaussian
 from estimator.lmb import warm as lmb
+from estimator.maps import warm as maps
 from estimator.metrics.gospa import gospa, matched
 from estimator.search import Search
 from estimator.sensors.range_bearing import RangeBearing, RangeBearingConfig
@@ -25,6 +26,7 @@ def warmups() -> list[tuple[str, Callable[[], None]]]:
         calls += [(f"{shape} field of view, {d}D", partial(_look, d, shape)) for shape in _SHAPES]
         calls += [(f"PHD filter, {d}D", partial(_search, d)), (f"K-means, {d}D", partial(_kmeans, d))]
     calls.append(("metrics", _metrics))
+    calls += [(f"line of sight, {d}D", partial(maps.run, *_sensor(d, "exponential"))) for d in (2, 3)]
     calls += [(f"LMB filter, {d}D", partial(lmb.run, *_sensor(d, "exponential"))) for d in (2, 3)]
     calls += [(f"GM-PHD filter, {d}D", partial(gaussian.warm, *_sensor(d, "exponential"))) for d in (2, 3)]
     return calls

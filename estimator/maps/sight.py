@@ -58,6 +58,7 @@ class Sight:
             ValueError: if the coordinates of such a point are not finite.
         """
         eyes = np.ascontiguousarray(self.map.to_cells(poses.T))
+        points = np.ascontiguousarray(points, dtype=np.float64)
         if not _hide(self.clearance, self._frame(), points, eyes, values):
             raise ValueError("points: every number must be finite")
 
