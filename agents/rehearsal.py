@@ -9,8 +9,8 @@ import numpy as np
 from agents.mission import start_pose
 from agents.team import Team
 from estimator.exploration import Exploration
-from planner.plan import Commitment, PlanProblem
 from planner.maasi.trigger import worth_measuring
+from planner.plan import Commitment, PlanProblem
 
 
 def rehearse_robot(team: Team, robot: str) -> None:

@@ -38,8 +38,8 @@ from agents.transport import PeerChange
 from agents.unacknowledged import Unacknowledged
 from estimator.filter import Area
 from estimator.sensor import SensorModel
-from planner.plan import Commitment, Plan, PlanProblem, Trajectory, VehicleModel
 from planner.maasi.trigger import worth_measuring
+from planner.plan import Commitment, Plan, PlanProblem, Trajectory, VehicleModel
 
 LATE_FACTOR = 1.5  # a trajectory that takes this much longer than planned is given up
 RETRY_S = 1.0  # after a plan that holds, the next is asked for this much later

@@ -2,8 +2,8 @@
 
 Source: Yousuf, Herzal, Lendek, Buşoniu, "Multi-agent active multi-target search with intermittent
 measurements", Control Engineering Practice, 2024, sections 4 and 6. The paper plans in a centre, jointly for
-all robots that need a plan at the same instant (see `planner.maasi.maasi_joint`); here each plans for itself, and
-all others are "continuing agents" whose trajectories it knows.
+all robots that need a plan at the same instant (see `maasi_joint`); here each plans for itself, and all
+others are "continuing agents" whose trajectories it knows.
 """
 
 from typing import ClassVar

@@ -1,6 +1,6 @@
 """The joint (MA)ASI planner: one centre chooses for all robots that plan at the same instant, (26)-(32).
 
-For comparison with `planner.maasi.maasi` in `simulate`. The exploration terms couple the robots; the coupling of a
+For comparison with `maasi` in `simulate`. The exploration terms couple the robots; the coupling of a
 joint index factors by pairs: what robot b on its way to candidate w_b leaves unexplored at the corners that
 robot a looks at on its way to w_a. These factors are computed once per pair of candidates, and the joint
 indices are then enumerated by multiplying them.

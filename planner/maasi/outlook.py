@@ -14,8 +14,8 @@ from estimator.sensor import SensorModel
 from planner.commitments import Looks, looks, position_at, usable
 from planner.maasi.coverage import BATCH, cell_corners, explore
 from planner.plan import Commitment, PlannerSetup, PlanProblem, Predictions, VehicleModel
-from planner.vehicles.prediction import finer, measure_steps, measurements_only
 from planner.separation import clearances
+from planner.vehicles.prediction import finer, measure_steps, measurements_only
 
 SAME_PLACE = 1e-6  # m
 

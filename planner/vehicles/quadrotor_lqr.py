@@ -1,4 +1,4 @@
-"""The discrete LQR of the linear quadrotor; `planner.vehicles.quadrotor` says where model and weights come from."""
+"""The discrete LQR of the linear quadrotor; `quadrotor` says where model and weights come from."""
 
 from dataclasses import dataclass
 from functools import cache
