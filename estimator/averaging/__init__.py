@@ -1,0 +1,1 @@
+"""Fusion without a centre: neighbours average what they believe."""
