@@ -7,9 +7,10 @@ what is the same everywhere in the free space stays so. A step over a wall thinn
   second difference with half cells at the ends, has the eigenvectors cos(pi j k / (g - 1)).
 - Nearly constant velocity: the velocity of each target is taken as -s or +s on every axis, s the standard
   deviation of a new target's velocity: the two-point rule, true to mean and variance. The 2^d parts then only
-  shift, by whole cells, as soon as their targets have come that far: no numerical diffusion. Noise in the
-  velocity exchanges targets between the parts with the rate 1 / tau, tau = 2 s^2 / q^2, at which an
-  Ornstein-Uhlenbeck velocity of standard deviation s forgets under white acceleration of strength q.
+  shift, by whole cells, as soon as their targets have come that far: no numerical diffusion. Real targets
+  have many speeds and lose all order within the time of a crossing; two speeds alone would come back to it,
+  so targets draw a new direction with the rate at which they cross the area. Noise in the velocity is left
+  out: it mixes sooner and spreads further, which about cancels (tests/estimator/test_diffusion.py simulates).
 """
 
 from functools import lru_cache

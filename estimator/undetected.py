@@ -120,9 +120,8 @@ class Undetected:
         way = config.speed * duration + np.array(self.travelled or 0.0)
         cells = np.floor(way / spacings)
         parts = shifted(parts, tuple(cells.astype(int).tolist()), free)
-        if config.speed > 0.0:
-            forgotten = duration * 0.5 * (config.acceleration / config.speed) ** 2
-            parts = exchanged(parts, float(-np.expm1(-forgotten)))
+        crossings = config.speed * duration / float(np.mean(self.area.high - self.area.low))
+        parts = exchanged(parts, float(-np.expm1(-crossings)))
         travelled = tuple((way - cells * spacings).tolist())
         return Undetected(_together(parts), self.area, parts, travelled)
 
