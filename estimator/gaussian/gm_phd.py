@@ -46,7 +46,7 @@ class GmPhdConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     merge_mutual: bool = False  # measured with both covariances, not only that of the lighter component
     components: Annotated[int, Meta(ge=1, le=100_000)] = 500  # at most
     split_detection: Annotated[float, Meta(gt=0, le=1)] = 0.2  # p_D varies more over a component: split it
-    split_depth: Annotated[int, Meta(ge=0, le=4)] = 2  # how often; 0 never splits
+    split_depth: Annotated[int, Meta(ge=0, le=4)] = 2  # how often, into four; 0 never splits
     cluster_sigmas: NonNegative = 3.0  # Mahalanobis distance up to which components are one estimated target
     cluster_least_mass: Positive = 0.1
 
@@ -103,7 +103,7 @@ class GmPhd:
         return replace(
             state,
             components=predicted(state.components, motion, duration).scaled(survival),
-            undetected=state.undetected.later(survival, config.birth * duration),
+            undetected=state.undetected.later(survival, config.birth * duration, motion, duration),
         )
 
     def update(
