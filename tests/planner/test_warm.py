@@ -2,7 +2,7 @@ import os
 import subprocess
 import sys
 
-from planner import quadrotor_flight, unicycle
+from planner.vehicles import quadrotor_flight, unicycle
 from planner.warm import warmups
 
 CHECK = """
@@ -11,7 +11,9 @@ from tests.planner.problems import committed, problem, team
 from planner.warm import warmups
 for _, call in warmups():
     call()
-from planner import coupling, coverage, quadrotor_flight, separation, unicycle
+from planner import separation
+from planner.maasi import coupling, coverage
+from planner.vehicles import quadrotor_flight, unicycle
 from estimator.sensors import field_of_view
 kernels = [
     k for m in (coupling, coverage, quadrotor_flight, separation, unicycle, field_of_view)

@@ -9,8 +9,8 @@ from planner.maasi.candidates import CandidateGrid
 from planner.maasi.maasi import Maasi
 from planner.maasi.maasi_joint import MaasiJoint
 from planner.plan import TeamPlanner
+from tests.planner.maasi.test_maasi import gap, standing
 from tests.planner.problems import committed, problem, slow_looks, slow_objective, team
-from tests.planner.test_maasi import gap, standing
 
 
 def planners(setup, points=2, **changes):

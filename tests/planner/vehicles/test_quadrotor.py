@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm, solve_discrete_are
 
-from planner import quadrotor_lqr as weights
+from planner.vehicles import quadrotor_lqr as weights
 from planner.vehicles.quadrotor import Quadrotor
 from tests.planner.problems import drone
 
