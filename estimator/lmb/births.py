@@ -5,9 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.arrays import FloatArray, IntArray
+from estimator.gaussian.birth import born
+from estimator.gaussian.components import Components
+from estimator.gaussian.update import Rule
+from estimator.lmb.tracks import Tracks
 from estimator.motion import Motion
 from estimator.sensor import GaussianSensor
-from estimator.undetected import Undetected, explanations
+from estimator.undetected import Undetected
 
 _AT_ONCE = 4096  # measurements whose explanations are sampled together; bounds the memory
 
@@ -18,30 +22,40 @@ class Births:
 
     existence: FloatArray  # (m,) e_j / (c_j + e_j), 0 where nothing explains the measurement
     rivals: FloatArray  # (m,) lambda_j = c_j + e_j, what else than a track makes the measurement
-    places: FloatArray  # (d, m) where the sensor says the target is
-    spreads: FloatArray  # (m, d, d) m^2
+    offsets: IntArray  # (m + 1,) components of each
+    components: Components  # of weights that sum to 1 for each measurement
 
-    def states(self, chosen: IntArray, motion: Motion) -> tuple[FloatArray, FloatArray]:
-        """Means (k, n_x), covariances (k, n_x, n_x) of the chosen new targets; a velocity is 0 on average."""
-        means = np.zeros((chosen.size, motion.state_size))
-        means[:, : motion.dimension] = self.places[:, chosen].T
-        return means, motion.start_covariance(self.spreads[chosen])
+    def tracks(self, chosen: IntArray, existence: FloatArray, labels: IntArray) -> Tracks:
+        """Tracks (k) of the chosen measurements (k,)."""
+        whole = Tracks(np.arange(self.rivals.size), self.rivals, self.offsets, self.components)
+        part = whole.chosen(chosen)
+        return Tracks(labels, existence, part.offsets, part.components)
 
 
 def newborn(
-    undetected: Undetected, sensor: GaussianSensor, pose: FloatArray, measurements: FloatArray
+    undetected: Undetected,
+    sensor: GaussianSensor,
+    pose: FloatArray,
+    measurements: FloatArray,
+    motion: Motion,
+    rule: Rule,
 ) -> Births:
     """The new targets of measurements (m, s) taken at pose (4,), from v_n before this look lowers it."""
     m = len(measurements)
-    explained = np.zeros(m)
+    clutter = sensor.clutter_intensity(measurements, pose)
+    totals, owners = np.zeros(m), np.zeros(0, np.int64)
+    components = Components.none(motion.state_size)
     if undetected.values.any():
         for begin in range(0, m, _AT_ONCE):
-            part = measurements[begin : begin + _AT_ONCE]
-            explained[begin : begin + _AT_ONCE] = explanations(undetected, sensor, pose, part).totals
-    rivals = sensor.clutter_intensity(measurements, pose) + explained
-    existence = np.divide(explained, rivals, out=np.zeros(m), where=rivals > 0.0)
-    if m == 0:
-        d = sensor.dimension
-        return Births(existence, rivals, np.zeros((d, 0)), np.zeros((0, d, d)))
-    places = sensor.locate(measurements, pose)
-    return Births(existence, rivals, places, sensor.location_covariance(measurements, pose))
+            part = slice(begin, begin + _AT_ONCE)
+            nothing = np.zeros(len(measurements[part]))
+            made = born(undetected, sensor, pose, measurements[part], nothing, clutter[part], motion, rule)
+            totals[part] = made.totals
+            owners = np.concatenate([owners, begin + made.measurements])
+            components = components.joined(made.components)
+    order = np.argsort(owners, kind="stable")
+    owners, components = owners[order], components.chosen(order)
+    rivals = clutter + totals
+    existence = np.divide(totals, rivals, out=np.zeros(m), where=rivals > 0.0)
+    offsets = np.append(0, np.cumsum(np.bincount(owners, minlength=m)))
+    return Births(existence, rivals, offsets, components.scaled(1.0 / totals[owners]))

@@ -18,12 +18,12 @@ from msgspec import Meta
 
 from estimator.arrays import Count, FloatArray, Fraction, IntArray, NonNegative, Positive
 from estimator.filter import Area, Clusters
+from estimator.gaussian.detection import mean_detection
 from estimator.gaussian.update import kalman_pairs
 from estimator.lmb.association import Marginals, Pairs, associated
 from estimator.lmb.births import Births, newborn
-from estimator.lmb.detection import mean_detection
 from estimator.lmb.merging import merged
-from estimator.lmb.tracks import Reduction, Sightings, Tracks, corrected, sightings, unseen_weights
+from estimator.lmb.tracks import Reduction, Sightings, Tracks, corrected, reduced, sightings, unseen_weights
 from estimator.lmb.trajectories import Instant
 from estimator.motion import Motion, MotionConfig
 from estimator.sensor import GaussianSensor, SensorModel, checked_poses, gaussian, validated
@@ -123,8 +123,8 @@ class Lmb:
             tracks = replace(tracks, components=moved)
         if survival < 1.0:
             tracks = replace(tracks, existence=tracks.existence * survival)
-        if survival < 1.0 or config.birth > 0.0:
-            undetected = undetected.later(survival, config.birth * duration)
+        if survival < 1.0 or config.birth > 0.0 or not motion.is_static:
+            undetected = undetected.later(survival, config.birth * duration, motion, duration)
         return replace(state, tracks=tracks, undetected=undetected, time=state.time + duration)
 
     def update(
@@ -146,7 +146,8 @@ class Lmb:
         pose = checked_poses(pose)[0]
         measurements = validated(measurements, sensor.measurement_size)
         kalman = gaussian(sensor)
-        born = newborn(state.undetected, kalman, pose, measurements)
+        motion = self._motion(sensor.dimension)
+        born = newborn(state.undetected, kalman, pose, measurements, motion, self.config.kalman)
         tracks, marginals = self._corrected(state.tracks, kalman, pose, measurements, born, rng)
         tracks = tracks.chosen(self._strongest(tracks.existence))
         tracks, next_label = self._with_newborn(tracks, born, marginals, state.next_label)
@@ -215,10 +216,11 @@ class Lmb:
         rng: np.random.Generator,
     ) -> tuple[Tracks, Marginals]:
         config, m = self.config, len(measurements)
-        parts, d = tracks.components, sensor.dimension
+        parts = tracks.components
         if tracks.count == 0:
             return tracks, Marginals(np.zeros(0), np.zeros(0), np.ones(m), True)
-        missed = 1.0 - mean_detection(parts.means, parts.covariances, sensor, pose)
+        detection, _ = mean_detection(parts.means, parts.covariances, None, sensor, pose)
+        missed = 1.0 - detection
         pairs = kalman_pairs(
             parts.means,
             parts.covariances,
@@ -228,8 +230,9 @@ class Lmb:
             rule=config.kalman,
             gate=config.gate_sigmas,
         )
-        places = np.ascontiguousarray(pairs.means[:, :d].T)
-        seen = sightings(tracks, pairs, sensor.detection(places, pose[None, :])[0], m)
+        # p_D where the measurement says the target is: the mean over each pair's posterior
+        there, _ = mean_detection(pairs.means, pairs.covariances, pairs.owners(), sensor, pose)
+        seen = sightings(tracks, pairs, there, m)
         marginals = associated(
             Pairs(seen.offsets, seen.columns, self._ratios(tracks, missed, seen, born.rivals), m),
             config.association,
@@ -267,7 +270,6 @@ class Lmb:
             chosen = np.sort(chosen[np.argsort(-existence[chosen], kind="stable")[: max(room, 0)]])
         if chosen.size == 0:
             return tracks, next_label
-        means, covariances = born.states(chosen, self._motion(len(born.places)))
         labels = np.arange(next_label, next_label + chosen.size)
-        new = Tracks.single(labels, existence[chosen], means, covariances)
+        new = reduced(born.tracks(chosen, existence[chosen], labels), self._reduction)
         return (tracks.joined(new) if tracks.count else new), next_label + int(chosen.size)
