@@ -16,7 +16,7 @@ from estimator.arrays import FloatArray
 from estimator.exploration import Exploration
 from estimator.filter import Area
 from estimator.sensor import SensorModel
-from planner.plan import Commitment
+from planner.plan import Commitment, Intensity
 
 Look = tuple[float, str, FloatArray]  # time, robot, pose
 _FOLD = 64
@@ -42,6 +42,7 @@ class Belief:
         self._dimension = area.dimension
         self._base = Exploration.unexplored(area, grid)  # from the fusion's picture of _picture_time
         self._picture_time = -np.inf
+        self._picture: PictureMessage | None = None
         self._looks: deque[Look] = deque()  # that the picture does not hold yet
         self._current: Exploration | None = None
 
@@ -65,6 +66,7 @@ class Belief:
             values = message.exploration.astype(np.float64) / 255.0
             self._base = Exploration(values, self._base.low, self._base.high)
             self._picture_time = message.time
+            self._picture = message
             self._looks = deque(look for look in self._looks if look[0] > message.time)
             self._current = None
 
@@ -114,6 +116,19 @@ class Belief:
         if self.posterior is None:
             return np.zeros((self._dimension, 0))
         return self.posterior.means
+
+    def intensity(self) -> Intensity | None:
+        """What the newest posterior and picture say of targets not yet found; None before the first."""
+        posterior, picture = self.posterior, self._picture
+        if posterior is None or picture is None:
+            return None
+        return Intensity(
+            points=picture.points.astype(np.float64),
+            weights=picture.weights.astype(np.float64),
+            means=posterior.means,
+            covariances=posterior.covariances,
+            masses=posterior.masses,
+        )
 
     def exploration(self) -> Exploration:
         """The exploration function as of the last look heard of, (MA)ASI (30)."""

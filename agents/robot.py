@@ -6,6 +6,7 @@ committed plans. When two robots planned blind to each other, the one later in t
 again, once.
 """
 
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -40,6 +41,7 @@ from estimator.filter import Area
 from estimator.sensor import SensorModel
 from planner.maasi.trigger import worth_measuring
 from planner.plan import Commitment, Plan, PlanProblem, Trajectory, VehicleModel
+from planner.vehicles.route import advanced
 
 LATE_FACTOR = 1.5  # a trajectory that takes this much longer than planned is given up
 RETRY_S = 1.0  # after a plan that holds, the next is asked for this much later
@@ -250,6 +252,8 @@ class Robot:
             others=others + standing,
             area=self._area,
             separation=self._mission.settings.separation_m,
+            intensity=self.belief.intensity(),
+            seed=zlib.crc32(f"{self._mission.seed} {self.id} {self._plan_number}".encode()),
         )
         self._conditioned_on = {other.robot: other.version for other in others}
         return RequestPlan(self._plan_number, problem)
@@ -264,7 +268,7 @@ class Robot:
             return max(trajectory.end_time, now), trajectory.end_state
         period = self._setup.vehicle.control_period
         steps = max(0, round((now + lead - body.time) / period))
-        state = self._setup.vehicle.advance(body.state, trajectory.waypoint, steps)
+        state = advanced(self._setup.vehicle, body.state, trajectory, body.time, steps)
         return body.time + steps * period, state
 
     def _decide(self, now: float, event: Planned) -> list[Action]:

@@ -25,6 +25,8 @@ class Trajectory:
     poses: FloatArray  # (k, 4) samples of the way, start and end among them
     end_state: FloatArray  # (n,) the vehicle's full state at end_time
     control_cost: float  # sum of u^T u over the control steps, (MA)ASI (18)
+    route: FloatArray  # (r, 3) waypoints that the vehicle steers for in turn, the last is `waypoint`
+    route_times: FloatArray  # (r,) team time from which it steers for each, the first at start_time
 
     @property
     def end_pose(self) -> FloatArray:
@@ -93,6 +95,36 @@ class Commitment:
 
 
 @dataclass(frozen=True, slots=True)
+class Intensity:
+    """What the team believes of targets not yet found, whatever filter made it."""
+
+    points: FloatArray  # (d, n) that stand for the whole intensity, undetected targets among them
+    weights: FloatArray  # (n,) expected targets each
+    means: FloatArray  # (d, c) clusters: estimated targets
+    covariances: FloatArray  # (c, d, d) m^2
+    masses: FloatArray  # (c,) expected targets in each
+
+    @staticmethod
+    def empty(dimension: int) -> "Intensity":
+        """Nothing is believed to be anywhere."""
+        d = dimension
+        none = np.zeros((d, 0))
+        return Intensity(none, np.zeros(0), none, np.zeros((0, d, d)), np.zeros(0))
+
+
+@dataclass(frozen=True, slots=True)
+class Budget:
+    """What a robot may still spend. No plan exceeds it, the way back `home` included."""
+
+    distance: float = np.inf  # metres
+    time: float = np.inf  # seconds
+    home: FloatArray | None = None  # (3,) to which the robot must be able to return
+
+
+UNLIMITED = Budget()
+
+
+@dataclass(frozen=True, slots=True)
 class PlanProblem:
     """All that one robot's planner may look at."""
 
@@ -105,6 +137,10 @@ class PlanProblem:
     others: tuple[Commitment, ...]
     area: Area
     separation: float = 0.0  # metres that any two robots keep apart
+    intensity: Intensity | None = None  # None: nothing was heard of it yet
+    budget: Budget = UNLIMITED
+    deadline_s: float = np.inf  # wall time after which the best plan so far is to be returned
+    seed: int = 0  # for planners that draw; another for every plan of every robot
     context: Mapping[str, Any] = field(default_factory=dict)  # what only some planners need
 
 

@@ -24,7 +24,7 @@ class SimulatedVehicle(Vehicle):
         self._state = model.initial_state(start)
         self._waypoint: FloatArray = np.array(start[:3])
         self._idle = True  # at rest where it holds: nothing changes with time
-        self._upcoming: Trajectory | None = None
+        self._upcoming: list[tuple[int, FloatArray]] = []  # from which step on to steer for which waypoint
         self._travelled = 0.0
         self._last: list[float] = start[:3].tolist()
 
@@ -34,19 +34,19 @@ class SimulatedVehicle(Vehicle):
     def follow(self, trajectory: Trajectory | None, now: float) -> None:
         if trajectory is None:
             self._advance_to(self._step_of(now))
-            self._upcoming = None
+            self._upcoming = []
             self._aim(np.array(self._model.pose(self._state)[:3]))
         else:
-            self._upcoming = trajectory
+            starts = np.round((trajectory.route_times - self._origin) / self._period)
+            route = list(zip(starts.astype(int).tolist(), trajectory.route, strict=True))
+            self._upcoming = [leg for leg in self._upcoming if leg[0] < route[0][0]] + route
 
     def state(self, now: float) -> VehicleState:
         target = self._step_of(now)
-        if self._upcoming is not None:
-            begin = max(self._steps, round((self._upcoming.start_time - self._origin) / self._period))
-            if target >= begin:
-                self._advance_to(begin)
-                self._aim(self._upcoming.waypoint)
-                self._upcoming = None
+        while self._upcoming and target >= self._upcoming[0][0]:
+            begin, waypoint = self._upcoming.pop(0)
+            self._advance_to(max(self._steps, begin))
+            self._aim(waypoint)
         self._advance_to(target)
         pose = self._model.pose(self._state)
         here = pose[:3].tolist()

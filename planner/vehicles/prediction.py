@@ -87,6 +87,8 @@ def sampled(
         poses=np.vstack([way.measure_poses[::stride], model.pose(end_state)]),
         end_state=end_state,
         control_cost=float(way.control_costs[0]),
+        route=target,
+        route_times=np.array([start_time]),
     )
 
 

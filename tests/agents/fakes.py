@@ -78,6 +78,8 @@ class FakeVehicle:
             poses=np.array([state, end]),
             end_state=end,
             control_cost=0.0,
+            route=waypoint[None],
+            route_times=np.array([start_time]),
         )
 
 
