@@ -6,7 +6,7 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from estimator.arrays import FloatArray, IntArray
+from estimator.arrays import BoolArray, FloatArray, IntArray
 from estimator.exploration import Exploration
 from estimator.filter import Area
 from estimator.sensor import SensorModel
@@ -169,6 +169,22 @@ class TeamPlanner(Protocol):
         """One plan per problem, in their order."""
 
 
+class Ground(Protocol):
+    """Where robots may be: the area without obstacles (grown by the robot's radius) and keep-out zones."""
+
+    def clear(self, points: FloatArray) -> BoolArray:
+        """(n,) whether points (d, n) may be entered."""
+
+    def segments_clear(self, starts: FloatArray, ends: FloatArray) -> BoolArray:
+        """(n,) whether the straight ways from starts (d, n) to ends (d, n) may be taken."""
+
+    def path(self, start: FloatArray, goal: FloatArray) -> FloatArray | None:
+        """The corners (d, k) of a shortest way from start (d,) to goal (d,), both among them; None: no way."""
+
+    def distances(self, goal: FloatArray, points: FloatArray) -> FloatArray:
+        """(n,) metres of the shortest ways from points (d, n) to goal (d,); infinite where there is none."""
+
+
 @dataclass(frozen=True, slots=True)
 class PlannerSetup:
     """What a planner is made with: the whole team's models, by robot."""
@@ -176,3 +192,4 @@ class PlannerSetup:
     vehicles: Mapping[str, VehicleModel]
     sensors: Mapping[str, SensorModel]
     area: Area
+    ground: Ground | None = None  # None: the area is open
