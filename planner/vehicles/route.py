@@ -81,7 +81,7 @@ def routed(
 def advanced(
     model: VehicleModel, state: FloatArray, trajectory: Trajectory, time: float, steps: int
 ) -> FloatArray:
-    """The state `steps` control periods after team time `time`, at which the vehicle on its way has `state`."""
+    """The state `steps` control periods after team time `time`, when the vehicle on its way has `state`."""
     period = model.control_period
     begins = np.round((trajectory.route_times - time) / period).astype(np.int64)  # relative to `time`
     done = 0
