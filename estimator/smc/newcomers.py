@@ -21,8 +21,6 @@ from estimator.smc.resampling import gathered, systematic
 from estimator.smc.state import SmcPhdState, turned_back
 from estimator.undetected import Explanations, Undetected, detected, explanations
 
-_LEAST = 500  # places drawn to see which of them measurements show, where measurements do not say a place
-
 
 class Newcomers(Protocol):
     """A part of the intensity that is not in the particles yet."""
@@ -78,7 +76,7 @@ class Located:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scattered:
-    """Newcomers at places drawn evenly, for sensors whose measurements do not say a place."""
+    """Newcomers at places spread evenly, for sensors whose measurements do not say a place."""
 
     points: FloatArray  # (d, k)
     offsets: IntArray  # (m + 1,) as in a Look
@@ -114,7 +112,6 @@ def newcomers(
     sensor: SensorModel,
     pose: FloatArray,
     measurements: FloatArray,
-    particles: int,
     rng: np.random.Generator,
 ) -> list[Newcomers]:
     """All that can explain measurements (m, s) besides the particles of the state."""
@@ -127,16 +124,16 @@ def newcomers(
             born = Undetected.uniform(area, shape, state.unborn)
             parts.append(Located.of(born, sensor, pose, measurements, certain=True))
         else:
-            points = scattered(state, max(_LEAST, particles // 5), rng)
+            points = scattered(state, np.arange(state.places.shape[1]), rng)
             parts.append(Scattered.of(points, state.unborn, sensor, pose, measurements))
     return parts
 
 
-def scattered(state: SmcPhdState, count: int, rng: np.random.Generator) -> FloatArray:
-    """`count` points (d, count) drawn evenly about the places where the prior's particles lay."""
+def scattered(state: SmcPhdState, chosen: IntArray, rng: np.random.Generator) -> FloatArray:
+    """Points (d, k) drawn evenly about places where the prior's particles lay, chosen (k,)."""
     assert state.places is not None
     area = state.undetected.area
-    points = gathered(state.places, rng.integers(0, state.places.shape[1], count))
+    points = gathered(state.places, chosen)
     apart = turned_back(points + state.spacing * (rng.random(points.shape) - 0.5), area)
     return np.where(area.is_free(apart), apart, points)
 

@@ -138,7 +138,7 @@ class SmcPhd:
         for k, block in enumerate(blocks):
             look = sensor.look(state.positions, pose, block)
             known = explained(state.weights, look)
-            parts = newcomers(state, sensor, pose, block, self.config.particles, rng)
+            parts = newcomers(state, sensor, pose, block, rng)
             denominators = look.clutter + known
             fresh = [_shown(part.totals, known, denominators) for part in parts]
             for totals in fresh:
@@ -229,7 +229,9 @@ class SmcPhd:
     ) -> tuple[SmcPhdState, FloatArray]:
         """The state with particles of `births` expected targets; its weights are the ones returned."""
         count = int(np.ceil(births * self._each))
-        states = with_velocities(scattered(state, count, rng), self._motion(state), rng)
+        assert state.places is not None
+        chosen = rng.integers(0, state.places.shape[1], count)
+        states = with_velocities(scattered(state, chosen, rng), self._motion(state), rng)
         return _with(state, states), np.append(weights, np.full(count, births / count))
 
     @property
