@@ -62,6 +62,7 @@ ARRAYS: dict[type[m.Message], dict[str, ArraySpec]] = {
         "radii": _floats("c"),
         "found": _floats("d", "f"),
         "found_times": _floats("f"),
+        "found_labels": ArraySpec("<i8", ("f",)),
     },
     m.PictureMessage: {
         "exploration": ArraySpec("|u1", (..., "d")),

@@ -152,6 +152,7 @@ class Fusion:
             radii=clusters.radii,
             found=state.found,
             found_times=state.found_times,
+            found_labels=state.found_labels,
         )
 
     def _picture(self) -> PictureMessage:

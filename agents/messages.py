@@ -84,13 +84,14 @@ class PosteriorMessage(Message, frozen=True, kw_only=True):
 
     watermark: dict[str, Watermark]  # "robot/boot" ->
     applied: Sequence  # measurement sets in the posterior
-    expected_cardinality: float  # mass of the intensity plus found targets
+    expected_cardinality: float  # mass of the intensity plus the found targets that left it
     means: Array  # (d, c) clusters
     covariances: Array  # (c, d, d)
     masses: Array  # (c,)
     radii: Array  # (c,)
     found: Array  # (d, f) found targets
     found_times: Array  # (f,)
+    found_labels: Array  # (f,) int64, whole numbers that last over time
 
 
 class PictureMessage(Message, frozen=True, kw_only=True):

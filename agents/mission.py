@@ -47,6 +47,7 @@ class FoundTable(Strict, frozen=True, kw_only=True):
     same_sigmas: NonNegative = 0.0  # a cluster this near to a found target is that target; 0: never
     period_s: NonNegative = 0.0  # clusters are looked for at most this often; 0: after every set
     blur_m: NonNegative = 0.0  # measurements of a found target are off by this beyond the sensor's noise
+    remove: bool = True  # found targets leave the intensity; false: they stay and are followed, as they move
 
 
 class TeammatesTable(Strict, frozen=True, kw_only=True):

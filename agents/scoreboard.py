@@ -36,8 +36,10 @@ class Scoreboard:
     _all_found_at: float | None = None
     _applied_at_all_found: int | None = None
     _curve: list[tuple[float, int, int, float, FloatArray]] = field(default_factory=list)
-    _matched_for: FloatArray | None = None
+    _compared: tuple[FloatArray, FloatArray] | None = None  # truth and found targets last matched
     _matches: int = 0
+    _labels: dict[int, int] = field(default_factory=dict)  # true target -> label of its found target
+    _label_changes: int = 0
 
     def hear(self, heard: Heard, now: float) -> None:
         """Take in one message, whatever its topic."""
@@ -77,10 +79,7 @@ class Scoreboard:
         if self._posterior is not None and message.applied < self._posterior.applied:
             return  # a replica that is behind
         self._posterior = message
-        if self._matched_for is None or not np.array_equal(self._matched_for, message.found):
-            pairs = matched(self.world.targets(now), message.found, self.mission.match_m)
-            self._matches = len(pairs)
-            self._matched_for = message.found
+        self._compare(self.world.targets(message.time), message)
         self._curve.append(
             (message.time, message.applied, self._matches, message.expected_cardinality, message.found)
         )
@@ -89,6 +88,19 @@ class Scoreboard:
         elif self._all_found_at is None:
             self._all_found_at = message.time
             self._applied_at_all_found = message.applied
+
+    def _compare(self, truth: FloatArray, message: PosteriorMessage) -> None:
+        """Match found targets with true ones, as these were when the newest applied set was taken."""
+        now = (truth, message.found)
+        if self._compared is not None and all(map(np.array_equal, self._compared, now)):
+            return
+        self._compared = now
+        pairs = matched(truth, message.found, self.mission.match_m)
+        self._matches = len(pairs)
+        for i, j in pairs:
+            label = int(message.found_labels[j])
+            self._label_changes += self._labels.setdefault(i, label) != label
+            self._labels[i] = label
 
     def _hear_pose(self, message: PoseMessage) -> None:
         self._travelled.setdefault(message.sender, {})[message.boot] = message.travelled
@@ -148,6 +160,7 @@ class Scoreboard:
             "rmse_m": float(np.sqrt(np.mean(errors**2))) if errors.size else None,
             "max_error_m": float(errors.max()) if errors.size else None,
             "gospa": score.total,
+            "label_changes": self._label_changes,
             "expected_cardinality": self.expected_cardinality,
             "distance_travelled_m": {
                 robot: sum(boots.values()) for robot, boots in sorted(self._travelled.items())

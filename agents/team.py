@@ -98,6 +98,7 @@ class Team:
             blur=found.blur_m,
             period=found.period_s,
             teammates=self._teammates(),
+            remove=found.remove,
         )
 
     def _teammates(self) -> Teammates | None:

@@ -119,7 +119,8 @@ class Scene:
             return
         self._draw_clusters(posterior)
         places = shapes.lifted(posterior.found, self.layer(7))
-        labels = [f"{i + 1} · {time:.0f} s" for i, time in enumerate(posterior.found_times)]
+        named = zip(posterior.found_labels, posterior.found_times, strict=True)
+        labels = [f"{label + 1} · {time:.0f} s" for label, time in named]
         radius = -2.5 if self.dimension == 2 else -5.0
         log(paths.FOUND, rr.Points3D(places, radii=radius, colors=shapes.FOUND, point_shading=self.shading))
         log(paths.FOUND_NAMES, self.names(places, labels, shapes.FOUND))

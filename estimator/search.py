@@ -32,6 +32,8 @@ class SearchState(Generic[State]):
     found: FloatArray  # (d, f) found targets, refined by what is measured of them afterwards
     found_covariances: FloatArray  # (f, d, d) m^2
     found_times: FloatArray  # (f,) s, when each was found
+    found_labels: IntArray  # (f,) identities of the found targets, that last over time
+    named: int  # identities given out, where the filter has none
     exploration: Exploration
     sets: int  # applied so far
     clustered: float  # s, when clusters were last looked for
@@ -54,6 +56,7 @@ class Search(Generic[State]):
         blur: float = 0.0,
         period: float = 0.0,
         teammates: Teammates | None = None,
+        remove: bool = True,
     ) -> None:
         """`radius` T_r (m), `mass` T_m (targets) and `gate` T_z (m) of section 3.3.
 
@@ -62,6 +65,9 @@ class Search(Generic[State]):
         of found targets are off by more than noise (calibration, poses): what is left of them next to a
         target is still explained by it. With `teammates`, robots expect to see each other.
         Clusters are looked for at most once in `period` seconds; 0 is after every set.
+
+        Without `remove` found targets stay in the filter, which is for those that move: they are then the
+        clusters that are narrow and heavy enough, each for as long as its cluster keeps half the mass.
         """
         self.filter = filter
         self.area = area
@@ -72,6 +78,7 @@ class Search(Generic[State]):
         self.blur = blur
         self.period = period
         self.teammates = teammates
+        self.remove = remove
         self._unexplored = Exploration.unexplored(area, tuple(exploration_points))
 
     def __repr__(self) -> str:
@@ -87,6 +94,8 @@ class Search(Generic[State]):
             found=np.zeros((d, 0)),
             found_covariances=np.zeros((0, d, d)),
             found_times=np.zeros(0),
+            found_labels=np.zeros(0, np.int64),
+            named=0,
             exploration=self._unexplored,
             sets=0,
             clustered=-np.inf,
@@ -120,7 +129,9 @@ class Search(Generic[State]):
                 state = replace(state, poses={**state.poses, robot: pose})
             if len(measurements):
                 sensor = self.teammates.expected_by(robot, sensor, state.poses)
-        state, measurements, silent = self._without_found(state, sensor, pose, measurements)
+        silent = np.zeros(0, np.bool_)
+        if self.remove:
+            state, measurements, silent = self._without_found(state, sensor, pose, measurements)
         if len(measurements) and silent.any():
             # A found target makes one measurement at most. Where none was near enough to be taken for it, it
             # may still be the source of one further away, which then is no news of another target.
@@ -143,11 +154,13 @@ class Search(Generic[State]):
         if now - state.clustered < self.period:
             return state
         inner, clusters = self.filter.clusters(inner, rng)
-        return self._with_new_found(replace(state, filter_state=inner, clusters=clusters, clustered=now))
+        state = replace(state, filter_state=inner, clusters=clusters, clustered=now)
+        return self._with_new_found(state) if self.remove else self._with_followed(state)
 
     def expected_cardinality(self, state: SearchState[State]) -> float:
-        """Mass of the intensity plus found targets."""
-        return float(self.filter.mass(state.filter_state) + state.found.shape[1])
+        """Mass of the intensity plus found targets that are no longer in it."""
+        removed = state.found.shape[1] if self.remove else 0
+        return float(self.filter.mass(state.filter_state) + removed)
 
     def thinned(self, state: SearchState[State], size: int) -> tuple[FloatArray, FloatArray]:
         """At most `size` points (d, k) with weights (k,) that stand for the intensity, for people."""
@@ -203,6 +216,44 @@ class Search(Generic[State]):
             found=np.stack(found, axis=1),
             found_covariances=np.stack(covariances),
             found_times=np.concatenate([state.found_times, np.full(more, state.time)]),
+            found_labels=np.append(state.found_labels, np.arange(state.named, state.named + more)),
+            named=state.named + more,
+        )
+
+    def _with_followed(self, state: SearchState[State]) -> SearchState[State]:
+        """The found targets as their clusters now are: those of before, then new ones.
+
+        A found target is followed by its cluster's label, without labels by the nearest cluster within T_z.
+        """
+        clusters = state.clusters
+        count = clusters.masses.size
+        before = np.full(count, -1)  # which found target each cluster was
+        if clusters.labels is not None:
+            known = {label: i for i, label in enumerate(state.found_labels.tolist())}
+            before = np.array([known.get(label, -1) for label in clusters.labels.tolist()], np.int64)
+        elif count and state.found.shape[1]:
+            targets, taken = _closest(state.found, clusters.means, self.gate)
+            before[taken] = targets
+        was = before >= 0
+        new = ~was & (clusters.radii < self.radius) & (clusters.masses > self.threshold)
+        stay = was & (clusters.masses > 0.5 * self.threshold)
+        old = np.flatnonzero(stay)
+        old = old[np.argsort(before[old], kind="stable")]
+        order = np.concatenate([old, np.flatnonzero(new)])
+        fresh = order.size - old.size
+        if clusters.labels is None:
+            names = np.arange(state.named, state.named + fresh)
+            labels = np.append(state.found_labels[before[old]], names)
+        else:
+            labels = clusters.labels[order]
+        return replace(
+            state,
+            clusters=_chosen(clusters, ~(new | stay)),
+            found=np.ascontiguousarray(clusters.means[:, order]),
+            found_covariances=clusters.covariances[order],
+            found_times=np.concatenate([state.found_times[before[old]], np.full(fresh, state.time)]),
+            found_labels=labels,
+            named=state.named + fresh,
         )
 
 
@@ -227,6 +278,7 @@ def _chosen(clusters: Clusters, keep: BoolArray) -> Clusters:
         clusters.covariances[keep],
         clusters.masses[keep],
         clusters.radii[keep],
+        None if clusters.labels is None else clusters.labels[keep],
     )
 
 

@@ -22,7 +22,7 @@ from estimator.gaussian.detection import mean_detection
 from estimator.gaussian.update import kalman_pairs
 from estimator.lmb.association import Marginals, Pairs, associated
 from estimator.lmb.births import Births, newborn
-from estimator.lmb.merging import merged
+from estimator.lmb.merging import apart, merged
 from estimator.lmb.tracks import Reduction, Sightings, Tracks, corrected, reduced, sightings, unseen_weights
 from estimator.lmb.trajectories import Instant
 from estimator.motion import Motion, MotionConfig
@@ -50,6 +50,7 @@ class LmbConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     most_existence: Annotated[float, Meta(gt=0, lt=1)] = 0.999999  # a certain track could never leave
     tracks: Annotated[int, Meta(ge=1, le=100_000)] = 1000  # at most
     track_merging: NonNegative = 1.0  # rivals for one target nearer than this become one, standard deviations
+    spacing_m: NonNegative = 0.0  # targets are never nearer to each other than this
     components: Annotated[int, Meta(ge=1, le=1000)] = 10  # of a track, at most
     component_least: Annotated[float, Meta(gt=0, lt=1)] = 1e-3  # of the track's heaviest; lighter ones go
     component_merging: NonNegative = 1.0  # components nearer than this are one, standard deviations
@@ -153,6 +154,8 @@ class Lmb:
         tracks, next_label = self._with_newborn(tracks, born, marginals, state.next_label)
         if self.config.track_merging > 0.0 and tracks.count > 1:
             tracks = merged(tracks, self.config.track_merging, self._reduction)
+        if self.config.spacing_m > 0.0 and tracks.count > 1:
+            tracks = apart(tracks, sensor.dimension, self.config.spacing_m, self._reduction)
         return replace(
             state,
             tracks=tracks,

@@ -22,6 +22,7 @@ def run(sensor: SensorModel, area: Area) -> None:
             exact_groups=exact,
             kalman=kalman,  # type: ignore[arg-type]
             track_merging=3.0,
+            spacing_m=0.1,
         )
         filter = Lmb(config)
         state = filter.init(area, rng)

@@ -64,6 +64,7 @@ def examples(seed: int = 0, d: int = 2, m_: int = 3, c: int = 2, f: int = 1) -> 
             radii=rng.random(c),
             found=rng.normal(size=(d, f)),
             found_times=rng.random(f),
+            found_labels=np.arange(f),
         ),
         "picture": m.PictureMessage(
             **HEAD,

@@ -21,6 +21,7 @@ def posterior(**watermark: Watermark) -> PosteriorMessage:
         radii=np.zeros(0),
         found=np.zeros((2, 0)),
         found_times=np.zeros(0),
+        found_labels=np.zeros(0, np.int64),
     )
 
 

@@ -212,6 +212,7 @@ class Story:
             radii=sigma,
             found=self.targets[:, [i for i, _ in found]],
             found_times=np.array([t for _, t in found]),
+            found_labels=np.arange(len(found)),
         )
 
     def _health(self, time: float, histogram: Histogram) -> m.HealthMessage:

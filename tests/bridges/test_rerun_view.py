@@ -135,6 +135,7 @@ def test_empty_posterior_picture_and_plan_are_drawn(tmp_path: Path) -> None:
             radii=np.zeros(0),
             found=none,
             found_times=np.zeros(0),
+            found_labels=np.zeros(0, np.int64),
         ),
     )
     view.on_message(
