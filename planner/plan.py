@@ -179,7 +179,7 @@ class Ground(Protocol):
         """(n,) whether the straight ways from starts (d, n) to ends (d, n) may be taken."""
 
     def path(self, start: FloatArray, goal: FloatArray) -> FloatArray | None:
-        """The corners (d, k) of a shortest way from start (d,) to goal (d,), both among them; None: no way."""
+        """The corners (d, k) of a shortest way from start (d,) to goal (d,), with both; None: no way."""
 
     def distances(self, goal: FloatArray, points: FloatArray) -> FloatArray:
         """(n,) metres of the shortest ways from points (d, n) to goal (d,); infinite where there is none."""
