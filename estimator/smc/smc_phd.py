@@ -59,23 +59,25 @@ class SmcPhd:
             ValueError: if grid_points does not fit the area, or places are none, not finite, outside the area
                 or more than `particles`.
         """
-        d = area.dimension
+        d, everywhere = area.dimension, self.config.initial == "grid"
+        if places is not None and not everywhere:
+            raise ValueError('places: only with initial = "grid" are particles everywhere')
         points = self.config.grid_points or ([33] * 2 if d == 2 else [17] * 3)
         if len(points) != d:
             raise ValueError(f"grid_points: expected {d} numbers, one per axis, got {points}")
+        if everywhere:
+            undetected = Undetected(np.zeros((1,) * d), area)
+        else:
+            undetected = Undetected.uniform(area, tuple(points), self.config.expected_targets)
         state = SmcPhdState(
             states=np.zeros((Motion(d, self.config.motion).state_size, 0)),
             weights=np.zeros(0),
             labels=np.zeros(0, np.int64),
-            undetected=Undetected.uniform(area, tuple(points), self.config.expected_targets),
+            undetected=undetected,
             centres=np.zeros((d, 0)),
             reach=0.0,
         )
-        if self.config.initial == "grid":
-            return self._everywhere(state, places, rng)
-        if places is not None:
-            raise ValueError('places: only with initial = "grid" are particles everywhere')
-        return state
+        return self._everywhere(state, places, rng) if everywhere else state
 
     def predict(self, state: SmcPhdState, duration: float, rng: np.random.Generator) -> SmcPhdState:
         """(12) over `duration` seconds: motion, survival, birth, spawning; draws nothing for static targets.
@@ -218,7 +220,6 @@ class SmcPhd:
             states=with_velocities(places, self._motion(state), rng),
             weights=np.full(n, config.expected_targets / n),
             labels=np.full(n, -1),
-            undetected=Undetected.uniform(area, (1,) * area.dimension, 0.0),
             reach=REACH * spacing,
             places=places,
             spacing=spacing,
