@@ -1,11 +1,15 @@
 """The simulated vehicles and sensors that a mission can name."""
 
-from typing import Any
+from typing import Any, ClassVar
 
 from agents.devices import DeviceContext, Sensor, Vehicle
 from estimator.filter import Area
 from estimator.sensor import SensorModel
+from estimator.sensors.bearing_only import BearingOnly
+from estimator.sensors.detector import Detector
+from estimator.sensors.position import Position
 from estimator.sensors.range_bearing import RangeBearing
+from estimator.sensors.range_only import RangeOnly
 from planner.plan import VehicleModel
 from planner.vehicles.quadrotor import Quadrotor
 from planner.vehicles.unicycle import Unicycle
@@ -41,15 +45,46 @@ class UnicycleKind:
         return SimulatedVehicle(Unicycle(config), context.start, context.now)
 
 
-class RangeBearingKind:
+class _SensorKind:
+    """A sensor simulated by drawing from the very model that the filter believes in."""
+
+    Model: ClassVar[Any]  # with Config and of(config, area)
+
+    @classmethod
+    def model(cls, config: Any, area: Area) -> SensorModel:
+        made: SensorModel = cls.Model.of(config, area)
+        return made
+
+    @classmethod
+    def device(cls, config: Any, context: DeviceContext) -> Sensor:
+        return simulated(cls.model(config, context.area), context)
+
+
+class RangeBearingKind(_SensorKind):
     """`kind = "range_bearing"`: range and bearing (and elevation in 3D) of what is detected, and clutter."""
 
-    Config = RangeBearing.Config
+    Model, Config = RangeBearing, RangeBearing.Config
 
-    @staticmethod
-    def model(config: Any, area: Area) -> SensorModel:
-        return RangeBearing.of(config, area)
 
-    @staticmethod
-    def device(config: Any, context: DeviceContext) -> Sensor:
-        return simulated(RangeBearing.of(config, context.area), context)
+class BearingOnlyKind(_SensorKind):
+    """`kind = "bearing_only"`: the laser of Dames & Kumar, that gives directions."""
+
+    Model, Config = BearingOnly, BearingOnly.Config
+
+
+class RangeOnlyKind(_SensorKind):
+    """`kind = "range_only"`: the radio of Dames & Kumar, that gives distances."""
+
+    Model, Config = RangeOnly, RangeOnly.Config
+
+
+class PositionKind(_SensorKind):
+    """`kind = "position"`: a camera that looks down and gives positions."""
+
+    Model, Config = Position, Position.Config
+
+
+class DetectorKind(_SensorKind):
+    """`kind = "detector"`: a camera of Ponda et al. that says "detection" or nothing."""
+
+    Model, Config = Detector, Detector.Config

@@ -1,7 +1,7 @@
 """Fields of view that can be differentiated: values and derivatives by the pose, for gradient-based planning.
 
 Liu & Hedrick, "Model predictive control-based target search and tracking using autonomous mobile robot with
-limited sensing domain", ACC 2017, (7).
+limited sensing domain", 2017, (7).
 """
 
 import numpy as np

@@ -99,7 +99,7 @@ class Softmax:
         """
         points = self._checked(points)
         out = np.empty((self.categories, points.shape[1]))
-        _probabilities(points, self.weights, self.biases, self.class_of, out)
+        evaluate(points, self.weights, self.biases, self.class_of, out)
         return out
 
     def log_probability(self, points: FloatArray, category: int) -> FloatArray:
@@ -178,9 +178,10 @@ def _activate(
 
 
 @kernel
-def _probabilities(
+def evaluate(
     points: FloatArray, weights: FloatArray, biases: FloatArray, class_of: IntArray, out: FloatArray
 ) -> None:
+    """p(c | x) of points (d, n) into out (c, n)."""
     k = weights.shape[0]
     activation, top, total = np.empty((k, _BLOCK)), np.empty(_BLOCK), np.empty(_BLOCK)
     for begin in range(0, points.shape[1], _BLOCK):
