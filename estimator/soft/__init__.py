@@ -1,0 +1,1 @@
+"""Labelled target mixtures that people's soft observations can change."""
