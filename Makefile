@@ -12,7 +12,7 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 	@touch $@
 
 setup: $(VENV)/.installed
-	$(BIN)/searchparty warm
+	$(BIN)/searchparty warm missions/quickstart.toml
 
 demo: setup
 	$(BIN)/searchparty swarm missions/quickstart.toml
@@ -23,6 +23,7 @@ lint: $(VENV)/.installed
 	$(BIN)/mypy
 
 test: setup lint
+	$(BIN)/searchparty warm
 	$(BIN)/pytest -n auto
 
 bench: setup

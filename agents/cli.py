@@ -231,18 +231,29 @@ def check(
 
 
 @app.command(short_help="Compile the numeric kernels, once.")
-def warm() -> None:
+def warm(
+    mission: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[MISSION]",
+            help="Only what this mission needs; else everything.",
+            autocompletion=_complete_mission,
+        ),
+    ] = None,
+) -> None:
     """Compile the numeric kernels once, to the disk, so that robots start quickly.
 
     \b
-    Example:
+    Examples:
       searchparty warm
+      searchparty warm missions/quickstart.toml
     """
     from rich.console import Console
 
     from agents import warm as kernels
+    from agents.mission_file import load
 
-    kernels.ensure(Console(stderr=True))
+    kernels.ensure(Console(stderr=True), None if mission is None else load(mission))
 
 
 def main() -> None:

@@ -59,7 +59,7 @@ def run(
 async def _main(mission: Mission, out: Path | None, speed: float, view: str, nursery: Nursery | None) -> int:
     console = Console()
     view = _view(view)
-    warm.ensure(console)  # or every robot would compile the same kernels at the same time
+    warm.ensure(console, mission)  # or every robot would compile the same kernels at the same time
     directory = RunDirectory.create(mission, out)
     resolved = load(directory.mission)  # what the children will read
     with load_plugin("routers", mission.link.kind)(resolved.link) as router:
