@@ -97,10 +97,15 @@ class Scoreboard:
         self._compared = now
         pairs = matched(truth, message.found, self.mission.match_m)
         self._matches = len(pairs)
+        labels = message.found_labels.tolist()
         for i, j in pairs:
-            label = int(message.found_labels[j])
-            self._label_changes += self._labels.setdefault(i, label) != label
-            self._labels[i] = label
+            known = self._labels.setdefault(i, labels[j])
+            if known in labels:  # beside another target either may match: its own is near enough
+                away = np.linalg.norm(message.found[:, labels.index(known)] - truth[:, i])
+                if away <= self.mission.match_m:
+                    continue
+            self._label_changes += known != labels[j]
+            self._labels[i] = labels[j]
 
     def _hear_pose(self, message: PoseMessage) -> None:
         self._travelled.setdefault(message.sender, {})[message.boot] = message.travelled
