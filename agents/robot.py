@@ -6,9 +6,7 @@ committed plans. When two robots planned blind to each other, the one later in t
 again, once.
 """
 
-import zlib
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -33,36 +31,15 @@ from agents.messages import (
     PoseMessage,
     PosteriorMessage,
 )
-from agents.mission import Mission
+from agents.plan_request import RobotSetup, plan_problem
 from agents.topics import PLAN, POSE, SET
 from agents.transport import PeerChange
 from agents.unacknowledged import Unacknowledged
-from estimator.filter import Area
-from estimator.sensor import SensorModel
 from planner.maasi.trigger import worth_measuring
-from planner.plan import Commitment, Plan, PlanProblem, Trajectory, VehicleModel
-from planner.vehicles.route import advanced
+from planner.plan import Plan, Trajectory
 
 LATE_FACTOR = 1.5  # a trajectory that takes this much longer than planned is given up
 RETRY_S = 1.0  # after a plan that holds, the next is asked for this much later
-
-
-@dataclass(frozen=True, slots=True)
-class RobotSetup:
-    """What one robot is made with."""
-
-    mission: Mission
-    robot: str
-    boot: str
-    vehicle: VehicleModel
-    sensors: Mapping[str, SensorModel]
-    periods: Mapping[str, float]  # measure clock Δ by robot, s
-    follows_plans: bool = True
-    first_capture: float | None = None  # of a sensor that has its own times
-    plan_lead_s: float = 0.25  # how long before its start a plan is asked for
-    stagger_s: float = 0.1  # at the start, robot i of the mission waits i times this before it plans
-    area: Area | None = None  # with its map; None: the mission's box
-    patience: float = 1.0  # scales the re-offer time, for teams that run faster than the wall
 
 
 class Robot:
@@ -233,43 +210,9 @@ class Robot:
     def _request(self, now: float, body: VehicleState) -> RequestPlan:
         self._plan_number += 1
         self._awaited = self._plan_number
-        start, state = self._departure(now, body)
-        others = tuple(
-            commitment for robot, commitment in sorted(self.belief.commitments.items()) if robot != self.id
-        )
-        standing = tuple(
-            _standing(pose, start, self._setup.periods)
-            for robot, pose in sorted(self.belief.poses.items())
-            if robot != self.id and robot not in self.belief.commitments and robot in self._setup.periods
-        )
-        problem = PlanProblem(
-            robot=self.id,
-            state=state,
-            start_time=start,
-            measure_period=self._period,
-            clusters=self.belief.clusters(),
-            exploration=self.belief.exploration(),
-            others=others + standing,
-            area=self._area,
-            separation=self._mission.settings.separation_m,
-            intensity=self.belief.intensity(),
-            seed=zlib.crc32(f"{self._mission.seed} {self.id} {self._plan_number}".encode()),
-        )
-        self._conditioned_on = {other.robot: other.version for other in others}
+        problem = plan_problem(self._setup, self.belief, self._plan_number, now, body, self._trajectory)
+        self._conditioned_on = {other.robot: other.version for other in problem.others if other.version >= 0}
         return RequestPlan(self._plan_number, problem)
-
-    def _departure(self, now: float, body: VehicleState) -> tuple[float, np.ndarray]:
-        """When and from which full vehicle state the next trajectory begins."""
-        lead = self._setup.plan_lead_s
-        trajectory = self._trajectory
-        if trajectory is None:
-            return now + lead, body.state
-        if now + lead >= trajectory.end_time - 1e-9:
-            return max(trajectory.end_time, now), trajectory.end_state
-        period = self._setup.vehicle.control_period
-        steps = max(0, round((now + lead - body.time) / period))
-        state = advanced(self._setup.vehicle, body.state, trajectory, body.time, steps)
-        return body.time + steps * period, state
 
     def _decide(self, now: float, event: Planned) -> list[Action]:
         if event.number != self._awaited:
@@ -311,17 +254,3 @@ class Robot:
             travelled=body.travelled,
         )
         return Publish(POSE, message)
-
-
-def _standing(pose: PoseMessage, now: float, periods: Mapping[str, float]) -> Commitment:
-    """A robot whose plan is not known: expected to stay where it is and to measure there."""
-    return Commitment(
-        robot=pose.sender,
-        version=-1,
-        measure_times=np.array([now]),
-        measure_poses=pose.pose[None, :],
-        times=np.array([now]),
-        poses=pose.pose[None, :],
-        measure_period=periods[pose.sender],
-        boot=pose.boot,
-    )

@@ -13,8 +13,9 @@ from agents.health import health_message
 from agents.histogram import Histogram
 from agents.machine import Action, Planned, Publish, RequestPlan
 from agents.mission import Mission
+from agents.plan_request import RobotSetup
 from agents.rehearsal import rehearse_robot
-from agents.robot import Robot, RobotSetup
+from agents.robot import Robot
 from agents.shell import HEALTH_PERIOD_S, Shell, run_until_done
 from agents.team import Team
 from agents.topics import EVENT, HEALTH, PICTURE, PLAN, POSE, POSTERIOR, SET

@@ -12,7 +12,8 @@ from agents.histogram import Histogram
 from agents.machine import Action, Event, Publish
 from agents.mailbox import Mailbox
 from agents.messages import HealthMessage, PosteriorMessage
-from agents.robot import Robot, RobotSetup
+from agents.plan_request import RobotSetup
+from agents.robot import Robot
 from agents.topics import PICTURE, PLAN, POSE, POSTERIOR, SET
 from agents.transport import Peer, PeerChange
 from sim.network import SimulatedTransport

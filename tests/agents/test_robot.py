@@ -6,7 +6,8 @@ import pytest
 from agents.machine import Action, Event, Follow, Heard, Measure, Measured, Planned, Publish, RequestPlan
 from agents.messages import Message, PlanMessage, PoseMessage, Watermark
 from agents.mission import Mission
-from agents.robot import Robot, RobotSetup
+from agents.plan_request import RobotSetup
+from agents.robot import Robot
 from agents.topics import PLAN, POSE, POSTERIOR, SET
 from agents.transport import Peer, PeerChange
 from planner.plan import Plan
