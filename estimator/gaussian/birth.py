@@ -11,7 +11,8 @@ import numpy as np
 
 from estimator.arrays import FloatArray, IntArray
 from estimator.gaussian.components import Components
-from estimator.gaussian.update import Rule, kalman_pairs, summed
+from estimator.gaussian.pairs import summed
+from estimator.gaussian.update import Rule, kalman_pairs
 from estimator.grid import node_volumes
 from estimator.motion import Motion
 from estimator.sensor import GaussianSensor

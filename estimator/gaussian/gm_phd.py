@@ -7,6 +7,7 @@ never detected lies on a grid (`estimator.undetected`) and gives birth where mea
 uniform prior needs no components. Gates leave out pairs that have next to no likelihood.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
@@ -20,11 +21,14 @@ from estimator.gaussian.birth import born
 from estimator.gaussian.components import Components
 from estimator.gaussian.detection import mean_detection, split_at_edges
 from estimator.gaussian.extraction import clusters_of, sampled
+from estimator.gaussian.multisensor import jointly_updated
+from estimator.gaussian.pairs import Pairs, summed
 from estimator.gaussian.prediction import predicted
 from estimator.gaussian.reduction import reduced
-from estimator.gaussian.update import Pairs, kalman_pairs, summed
+from estimator.gaussian.update import kalman_pairs
 from estimator.kernels import kernel
 from estimator.motion import Motion, MotionConfig
+from estimator.multisensor import Take, checked_take
 from estimator.sensor import SensorModel, checked_poses, gaussian, validated
 from estimator.undetected import Undetected
 
@@ -160,6 +164,29 @@ class GmPhd:
         detected = Components(weights[kept], pairs.means[kept], pairs.covariances[owners])
         new = fresh.components.scaled(inverse[fresh.measurements])
         return self._reduced(state, missed.joined(detected).joined(new), undetected)
+
+    def update_together(self, state: GmPhdState, takes: Sequence[Take]) -> GmPhdState:
+        """The posterior after the sets of several sensors of one time, in whatever order they are given.
+
+        `update` sensor after sensor is the iterated corrector, which depends on the order.
+
+        Raises:
+            ValueError: as `update`.
+        """
+        config = self.config
+        takes = [checked_take(take) for take in takes]
+        if not takes:
+            return state
+        missed, detected, undetected = jointly_updated(
+            state.components,
+            state.undetected,
+            takes,
+            Motion(state.undetected.area.dimension, config.motion),
+            gate=config.gate_sigmas,
+            tolerance=config.split_detection,
+            depth=config.split_depth,
+        )
+        return self._reduced(state, missed.joined(detected), undetected)
 
     def clusters(self, state: GmPhdState, rng: np.random.Generator) -> tuple[GmPhdState, Clusters]:
         """Groups of components within `cluster_sigmas` of their heaviest; the state remembers them."""
