@@ -11,10 +11,12 @@ from estimator.lmb import warm as lmb
 from estimator.maps import warm as maps
 from estimator.metrics.gospa import gospa, matched
 from estimator.search import Search
+from estimator.sensors import warm as sensors
 from estimator.sensors.range_bearing import RangeBearing, RangeBearingConfig
 from estimator.smc.config import SmcPhdConfig
 from estimator.smc.kmeans import kmeans
 from estimator.smc.smc_phd import SmcPhd
+from estimator.soft import warm as soft
 
 _SHAPES = ("exponential", "box", "sector")
 
@@ -26,9 +28,11 @@ def warmups() -> list[tuple[str, Callable[[], None]]]:
         calls += [(f"{shape} field of view, {d}D", partial(_look, d, shape)) for shape in _SHAPES]
         calls += [(f"PHD filter, {d}D", partial(_search, d)), (f"K-means, {d}D", partial(_kmeans, d))]
     calls.append(("metrics", _metrics))
+    calls += [(f"{kind}, {d}D", partial(sensors.run, kind, d)) for kind in sensors.KINDS for d in (2, 3)]
     calls += [(f"line of sight, {d}D", partial(maps.run, *_sensor(d, "exponential"))) for d in (2, 3)]
     calls += [(f"LMB filter, {d}D", partial(lmb.run, *_sensor(d, "exponential"))) for d in (2, 3)]
     calls += [(f"GM-PHD filter, {d}D", partial(gaussian.warm, *_sensor(d, "exponential"))) for d in (2, 3)]
+    calls += [(f"mixtures filter, {d}D", partial(soft.run, *_sensor(d, "exponential"))) for d in (2, 3)]
     return calls
 
 
