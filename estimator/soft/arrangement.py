@@ -51,8 +51,8 @@ def cells(
             kept.append(j)
     if len(kept) > most:
         raise ValueError(
-            f"corners: a polygon that is not convex may have edges on {most} lines, this one has {len(kept)}; "
-            "simplify it, or say it as several convex regions"
+            f"corners: a polygon that is not convex may have edges on {most} lines, found "
+            f"{len(kept)}; simplify it, or say it as several convex regions"
         )
     normals, offsets = normals[kept], offsets[kept]
     far = _AROUND * size

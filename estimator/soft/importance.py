@@ -1,7 +1,7 @@
 """A Gaussian mixture times a softmax category, as a Gaussian mixture again: Ponda et al. 2012, Algorithm 3.
 
 Each pair of a component m and a sub-class s of the category becomes one component of (23), with weight
-w_m l(m, s), l(m, s) = E_m[p(s | x)], and the mean and covariance of N_m(x) p(s | x), all by importance sampling.
+w_m l(m, s), l(m, s) = E_m[p(s | x)], and the mean and covariance of N_m(x) p(s | x), by importance sampling.
 
 What is added to the paper. The samples are one fixed set of normal points with mean 0 and covariance exactly
 1, turned by a random rotation: less noise than independent draws, and a flat likelihood changes nothing. The
@@ -34,8 +34,8 @@ _LEFT_OUT = 1e-4  # of the evidence: what the pairs that are left out may have t
 def unit_points(dimension: int, count: int) -> FloatArray:
     """Fixed normal points (d, count), evenly spread, symmetric, of covariance exactly 1. Read-only, shared.
 
-    Half of them lie on a Kronecker lattice (Roberts 2018: powers of the root of g^(d + 1) = g + 1), the others
-    opposite to these.
+    Half of them lie on a Kronecker lattice (Roberts 2018: powers of the root of g^(d + 1) = g + 1), the
+    others opposite to these.
     """
     g = 2.0
     for _ in range(60):
@@ -169,8 +169,8 @@ def _tilted(
 ) -> float:
     """The upper bound of log l(m, s), and where the tilted Gaussian that attains it has its mean.
 
-    log E[exp(t (y_s - y_r))] = t e + t^2 v / 2 is least at t = -e / v within 0..1; e and v are mean and variance
-    of y_s - y_r. exp(t (y_s - y_r)) times the component is a Gaussian of mean + t P (w_s - w_r).
+    log E[exp(t (y_s - y_r))] = t e + t^2 v / 2 is least at t = -e / v within 0..1; e and v are mean and
+    variance of y_s - y_r. exp(t (y_s - y_r)) times the component is a Gaussian of mean + t P (w_s - w_r).
     """
     d = mean.size
     step, chosen = np.empty(d), 0
@@ -247,7 +247,18 @@ def _pair(
         if not factorise(wider, spread):
             break
         again, better = _sampled(
-            mean, lower, centre, spread, slopes, biases, s, units, furthest, again_mean, again_covariance, work
+            mean,
+            lower,
+            centre,
+            spread,
+            slopes,
+            biases,
+            s,
+            units,
+            furthest,
+            again_mean,
+            again_covariance,
+            work,
         )
         if better <= share:
             break

@@ -41,7 +41,7 @@ class SoftModel:
 def ranges(
     place: FloatArray, inner: float, outer: float, steepness: float, *, dimension: int = 2
 ) -> SoftModel:
-    """"near" (within `inner` metres), "around" (up to `outer`) and "far from" a place (2,): 17 sub-classes.
+    """ "near" (within `inner` metres), "around" (up to `outer`) and "far from" a place (2,): 17 sub-classes.
 
     Circles are octagons of the same area, whose borders are at 0.97..1.05 of the radius.
 
@@ -70,7 +70,7 @@ def ranges(
 
 
 def region(corners: FloatArray, steepness: float, *, dimension: int = 2) -> SoftModel:
-    """"inside" and "outside" of a simple polygon with corners (k, 2) in either sense of rotation.
+    """ "inside" and "outside" of a simple polygon with corners (k, 2) in either sense of rotation.
 
     A convex one has one outside sub-class per edge. For any other, the lines through its edges cut the plane
     into convex cells, each wholly inside or outside, and f(x) = steepness / 2 * sum_j |n_j . x - b_j| is
@@ -107,7 +107,7 @@ def region(corners: FloatArray, steepness: float, *, dimension: int = 2) -> Soft
 def directions(
     pose: FloatArray, steepness: float, *, reach: float | None = None, dimension: int = 2
 ) -> SoftModel:
-    """"in front of", "behind", "left of", "right of" a robot at pose (4,): quadrants about its yaw.
+    """ "in front of", "behind", "left of", "right of" a robot at pose (4,): quadrants about its yaw.
 
     With a `reach` (m) what is further away in every direction is "elsewhere".
 
@@ -128,7 +128,7 @@ def directions(
 def wall(
     start: FloatArray, end: FloatArray, steepness: float, *, reach: float | None = None, dimension: int = 2
 ) -> SoftModel:
-    """"in front of", "behind", "left of", "right of" a wall, the segment from start (2,) to end (2,).
+    """ "in front of", "behind", "left of", "right of" a wall, the segment from start (2,) to end (2,).
 
     The front is to the left of somebody who walks from start to end. Left and right are beyond the ends, for
     somebody in front who looks at the wall: beyond `end` is "left of" it. Borders leave the ends at 45

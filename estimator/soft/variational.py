@@ -1,8 +1,8 @@
 """The Gaussian nearest to a Gaussian prior times one softmax sub-class, by Bouchard's bound.
 
 Ahmed, Sample & Campbell, IEEE Transactions on Robotics, 2013, use it as the proposal of importance sampling
-where an observation contradicts the prior; Ponda et al. 2012, Algorithm 3, cites it without equations. Derived:
-with y_k = w_k . x + b_k, any alpha and any xi_k,
+where an observation contradicts the prior; Ponda et al. 2012, Algorithm 3, cites it without equations.
+Derived: with y_k = w_k . x + b_k, any alpha and any xi_k,
 
     log sum_k exp(y_k) <= alpha + sum_k log(1 + exp(y_k - alpha))                        (Bouchard 2007)
     log(1 + exp(t)) <= lambda(xi) (t^2 - xi^2) + (t - xi) / 2 + log(1 + exp(xi))         (Jaakkola & Jordan)

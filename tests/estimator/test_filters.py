@@ -9,13 +9,18 @@ import pytest
 from agents import plugins
 from tests.estimator import contract
 
-TABLES: dict[str, dict[str, object]] = {"smc_phd": {"particles": 2000}}
+TABLES: dict[str, dict[str, object]] = {"smc_phd": {"particles": 2000}, "mixtures": {"unnamed": 3}}
+COUNTS = {"kalman": 1}  # targets that a filter can hold, where not any number
 EXCUSED: dict[tuple[str, str], str] = {
     ("lmb", "an_empty_set_takes_mass_where_the_sensor_looked"): (
         "a track that is certain to exist stays so when it is missed; tests/estimator/lmb has the exact factor"
     )
 }
-CASES = [contract.Case(kind, d, TABLES.get(kind, {})) for kind in plugins.kinds("filters") for d in (2, 3)]
+CASES = [
+    contract.Case(kind, d, TABLES.get(kind, {}), COUNTS.get(kind, 3))
+    for kind in plugins.kinds("filters")
+    for d in (2, 3)
+]
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: f"{case.kind}-{case.dimension}d")
