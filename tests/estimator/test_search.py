@@ -1,12 +1,16 @@
 """Found targets, their measurements, exploration: (MA)ASI section 3.3 and Algorithm 1."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from estimator.arrays import FloatArray
-from estimator.filter import Area
+from estimator.filter import Area, Clusters
+from estimator.gaussian.gm_phd import GmPhd
+from estimator.lmb.lmb import Lmb
+from estimator.motion import MotionConfig
 from estimator.search import Search, SearchState
 from estimator.sensors.range_bearing import RangeBearing
 from estimator.smc.smc_phd import SmcPhd, SmcPhdState
@@ -175,3 +179,83 @@ def test_the_papers_cube_is_searched_without_false_targets(seed: int) -> None:
     assert gaps.shape == (12, 12)
     assert sorted(gaps.argmin(axis=1).tolist()) == list(range(12))
     assert np.sqrt(np.mean(gaps.min(axis=1) ** 2)) < 1.24
+
+
+def moving(labelled: bool, seed: int, looks: int = 25) -> list[SearchState[Any]]:
+    """The course of a search that keeps its found targets in the filter; two targets pass each other."""
+    motion = MotionConfig(kind="constant_velocity", acceleration=0.1, speed=1.0)
+    filter: Any = (
+        Lmb(Lmb.Config(expected_targets=2.0, motion=motion))
+        if labelled
+        else GmPhd(GmPhd.Config(expected_targets=2.0, motion=motion))
+    )
+    team: Search[Any] = Search(filter, AREA, [5, 5], radius=2.0, mass=0.7, gate=6.0, remove=False)
+    sensor = RangeBearing.of(
+        RangeBearing.Config(
+            period_s=1.0,
+            range_sigma_m=0.3,
+            bearing_sigma_deg=0.5,
+            gain=0.98,
+            field_of_view="box",
+            box_m=[(-100.0, 100.0)] * 2,
+        ),
+        AREA,
+    )
+    rng, course = np.random.default_rng(seed), []
+    state = team.init(rng)
+    for k in range(looks):
+        targets = np.array([[30.0 + k, 60.0 - k], [40.0, 55.0]])
+        state = team.apply(state, sensor, POSE, sensor.sample(targets, POSE, rng), float(k), rng)
+        course.append(state)
+    assert team.expected_cardinality(state) == pytest.approx(2.0, abs=0.2)  # found ones count once
+    return course
+
+
+@pytest.mark.parametrize("labelled", [True, False])
+def test_found_targets_that_stay_in_the_filter_are_followed_as_they_move(labelled: bool) -> None:
+    course = moving(labelled, 1)
+    last = course[-1]
+    assert last.found.shape == (2, 2)
+    assert last.clusters.masses.size == 0
+    names = {}
+    for k, state in enumerate(course[5:], 5):
+        for label, place in zip(state.found_labels.tolist(), state.found.T, strict=True):
+            row = 0 if abs(place[1] - 40.0) < 7.0 else 1
+            truth = [30.0 + k, 40.0] if row == 0 else [60.0 - k, 55.0]
+            assert np.linalg.norm(place - truth) < 1.5
+            assert names.setdefault(label, row) == row
+    assert len(names) == 2
+    assert (np.diff([s.found_times.min() for s in course[5:]]) == 0.0).all()
+
+
+def test_a_found_target_stays_found_while_its_cluster_keeps_half_the_mass() -> None:
+    team = Search(FakeClusters(), AREA, [3, 3], radius=1.0, mass=0.8, gate=3.0, remove=False)
+    rng = np.random.default_rng(0)
+    state: SearchState[Any] = team.init(rng)
+    found = []
+    for k, mass in enumerate([0.9, 0.5, 0.41, 0.3, 0.7, 0.95]):
+        state = replace(state, filter_state=mass)
+        state = team.apply(state, SENSOR, POSE, np.zeros((0, 2)), float(k), rng)
+        found.append(state.found_labels.tolist())
+        assert state.clusters.masses.size == (0 if found[-1] else 1)
+    assert found == [[0], [0], [0], [], [], [1]]
+
+
+class FakeClusters(SmcPhd):
+    """A filter whose state is the mass of its one cluster."""
+
+    def __init__(self) -> None:
+        super().__init__(SmcPhd.Config())
+
+    def init(self, area: Area, rng: np.random.Generator) -> Any:
+        return 0.0
+
+    def predict(self, state: Any, duration: float, rng: np.random.Generator) -> Any:
+        return state
+
+    def update(self, state: Any, *arguments: Any) -> Any:
+        return state
+
+    def clusters(self, state: Any, rng: np.random.Generator) -> tuple[Any, Clusters]:
+        spread = 0.25 * np.eye(2)[None]
+        return state, Clusters(np.full((2, 1), 30.0), spread, np.array([state]), np.array([0.5]))
