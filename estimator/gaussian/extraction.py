@@ -41,13 +41,17 @@ def clusters_of(
     return clusters, np.asarray(numbers[groups] if count else groups)
 
 
-def sampled(components: Components, undetected: Undetected, size: int) -> tuple[FloatArray, FloatArray]:
+def sampled(
+    components: Components, undetected: Undetected | None, size: int, dimension: int
+) -> tuple[FloatArray, FloatArray]:
     """At most `size` points (d, n) with weights (n,) of components and undetected intensity together.
 
     Every point stands for the same mass; a component's points lie as its Gaussian does, always the same.
     """
-    masses = np.concatenate([components.weights, undetected.node_masses()])
-    d, total = undetected.area.dimension, float(masses.sum())
+    d, masses = dimension, components.weights
+    if undetected is not None:
+        masses = np.concatenate([masses, undetected.node_masses()])
+    total = float(masses.sum())
     if total <= 0.0 or size < 1:
         return np.zeros((d, 0)), np.zeros(0)
     chosen, counts = np.unique(systematic(masses, size, 0.5), return_counts=True)
@@ -57,7 +61,8 @@ def sampled(components: Components, undetected: Undetected, size: int) -> tuple[
     offsets = _offsets(d)[:, np.arange(owners.size) % _POINTS]
     points = np.empty((d, owners.size))
     _place(components.means, components.covariances, owners, offsets, points)
-    points = np.concatenate([points, undetected.nodes()[:, chosen[~inside] - k]], axis=1)
+    if undetected is not None:
+        points = np.concatenate([points, undetected.nodes()[:, chosen[~inside] - k]], axis=1)
     weights = np.concatenate([np.full(owners.size, weight), counts[~inside] * weight])
     return np.ascontiguousarray(points), weights
 

@@ -209,7 +209,7 @@ class GmPhd:
 
     def thinned(self, state: GmPhdState, size: int) -> tuple[FloatArray, FloatArray]:
         """At most `size` points (d, k) with weights (k,) that stand for the intensity, mass kept."""
-        return sampled(state.components, state.undetected, size)
+        return sampled(state.components, state.undetected, size, state.undetected.area.dimension)
 
     def _shares(self, prior: Components, pairs: Pairs, sensor: SensorModel, pose: FloatArray) -> FloatArray:
         """w E[p_D] N(z; h, S) of each pair (p,), the mean of p_D taken over the pair's posterior.

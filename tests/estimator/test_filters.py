@@ -13,7 +13,7 @@ TABLES: dict[str, dict[str, object]] = {"smc_phd": {"particles": 2000}, "mixture
 COUNTS = {"kalman": 1}  # targets that a filter can hold, where not any number
 EXCUSED: dict[tuple[str, str], str] = {
     ("lmb", "an_empty_set_takes_mass_where_the_sensor_looked"): (
-        "a track that is certain to exist stays so when it is missed; tests/estimator/lmb has the exact factor"
+        "a track that is certain to exist stays so when missed; tests/estimator/lmb has the exact factor"
     )
 }
 CASES = [
