@@ -52,9 +52,12 @@ class Motion:
         if self.config.kind == "random_walk":
             return eye, self.config.drift**2 * duration * eye
         t, q = duration, self.config.acceleration**2
-        f: FloatArray = np.array([[1.0, t], [0.0, 1.0]])
-        noise: FloatArray = q * np.array([[t**3 / 3.0, t**2 / 2.0], [t**2 / 2.0, t]])
-        return np.asarray(np.kron(f, eye)), np.asarray(np.kron(noise, eye))
+        d = self.dimension
+        f, noise = np.eye(2 * d), np.empty((2 * d, 2 * d))
+        f[:d, d:] = t * eye
+        noise[:d, :d], noise[d:, d:] = q * t**3 / 3.0 * eye, q * t * eye
+        noise[:d, d:] = noise[d:, :d] = q * t**2 / 2.0 * eye
+        return f, noise
 
     def start_covariance(self, location: FloatArray) -> FloatArray:
         """Covariance (..., n_x, n_x) of a new target whose place has covariance `location` (..., d, d)."""

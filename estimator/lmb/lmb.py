@@ -150,7 +150,8 @@ class Lmb:
         motion = self._motion(sensor.dimension)
         born = newborn(state.undetected, kalman, pose, measurements, motion, self.config.kalman)
         tracks, marginals = self._corrected(state.tracks, kalman, pose, measurements, born, rng)
-        tracks = tracks.chosen(self._strongest(tracks.existence))
+        kept = self._strongest(tracks.existence)
+        tracks = tracks if kept.size == tracks.count else tracks.chosen(kept)
         tracks, next_label = self._with_newborn(tracks, born, marginals, state.next_label)
         if self.config.track_merging > 0.0 and tracks.count > 1:
             tracks = merged(tracks, self.config.track_merging, self._reduction)
@@ -274,5 +275,7 @@ class Lmb:
         if chosen.size == 0:
             return tracks, next_label
         labels = np.arange(next_label, next_label + chosen.size)
-        new = reduced(born.tracks(chosen, existence[chosen], labels), self._reduction)
+        new = born.tracks(chosen, existence[chosen], labels)
+        if new.components.count > new.count:
+            new = reduced(new, self._reduction)
         return (tracks.joined(new) if tracks.count else new), next_label + int(chosen.size)
