@@ -91,11 +91,10 @@ def jointly_updated(
         return missed, Components.none(prior.state_size), left
     sensors = np.repeat(np.arange(len(takes)), sizes)
     known = _touched(prior.means, prior.covariances, takes, gate)
-    places = Places.of(takes)
-    fresh, together = places.touching(takes, sensors, gate)
-    groups = grouped([known, fresh], sensors, most)
+    new = of_undetected(undetected, takes, gate)
+    groups = grouped([known, new.touching], sensors, most)
     one = _of_components(prior, known, groups, takes)
-    two = _of_undetected(undetected, places, fresh, together, groups, takes)
+    two = new.hypotheses(groups)
     totals = summed(one.values, one.slots, groups.slots) + summed(two.values, two.slots, groups.slots)
     clutter = np.concatenate([take.sensor.clutter_intensity(take.measurements, take.pose) for take in takes])
     shares = coefficients(with_clutter(totals, clutter, groups), groups)
@@ -103,8 +102,8 @@ def jointly_updated(
     d, n = motion.dimension, motion.state_size
     means = np.zeros((two.values.size, n))
     means[:, :d] = two.means
-    new = Components(two.values * shares[two.slots], means, motion.start_covariance(two.covariances))
-    return missed, old.joined(new), left
+    born = Components(two.values * shares[two.slots], means, motion.start_covariance(two.covariances))
+    return missed, old.joined(born), left
 
 
 def _touched(means: FloatArray, covariances: FloatArray, takes: Sequence[Take], gate: float) -> Touching:
@@ -190,32 +189,45 @@ def _of_components(prior: Components, known: Touching, groups: Groups, takes: Se
     return Hypotheses(found.slots, prior.weights[found.owners] * np.exp(level) * rates, means, covariances)
 
 
-def _of_undetected(
-    undetected: Undetected,
-    places: Places,
-    fresh: Touching,
-    together: IntArray,
-    groups: Groups,
-    takes: Sequence[Take],
-) -> Hypotheses:
-    found = terms(fresh, groups, len(takes))
-    members = np.where(found.members >= 0, fresh.measurements[found.members], -1)
-    whole = (members == found.owners[:, None]).any(axis=1) & _compatible(members, places, together)
-    members, slots = members[whole], found.slots[whole]
-    d = places.means.shape[1]
-    information, vector = np.zeros((slots.size, d, d)), np.zeros((slots.size, d))
-    inverses = np.linalg.inv(places.covariances) if len(places.means) else places.covariances
-    for s in range(members.shape[1]):
-        has = (members[:, s] >= 0) & places.known[members[:, s]]
-        which = members[has, s]
-        information[has] += inverses[which]
-        vector[has] += np.einsum("kij,kj->ki", inverses[which], places.means[which])
-    start = np.linalg.solve(information, vector[:, :, None])[:, :, 0] if slots.size else vector
-    # next to nothing is added, for places at which a sensor's derivatives vanish
-    means, covariances, level = _gauss_newton(start, 1e-9 * information, members, takes)
-    level += 0.5 * d * log(2.0 * pi)
-    rates = _rates(means, covariances, members, takes, undetected)
-    return Hypotheses(slots, np.exp(level) * rates, means, covariances)
+@dataclass(frozen=True, slots=True, eq=False)
+class Newcomers:
+    """What the undetected intensity may have to do with the measurements of all sensors."""
+
+    undetected: Undetected
+    takes: Sequence[Take]
+    places: Places
+    touching: Touching  # with a source for each measurement that says a place
+    together: IntArray  # keys of the pairs of measurements that may be of one new target
+
+    def hypotheses(self, groups: Groups) -> Hypotheses:
+        """A Gaussian over positions (t, d) for each subset that may be of one new target."""
+        places, takes = self.places, self.takes
+        found = terms(self.touching, groups, len(takes))
+        members = np.where(found.members >= 0, self.touching.measurements[found.members], -1)
+        whole = (members == found.owners[:, None]).any(axis=1) & _compatible(members, places, self.together)
+        members, slots = members[whole], found.slots[whole]
+        d = places.means.shape[1]
+        information, vector = np.zeros((slots.size, d, d)), np.zeros((slots.size, d))
+        inverses = np.linalg.inv(places.covariances)
+        for s in range(members.shape[1]):
+            has = (members[:, s] >= 0) & places.known[members[:, s]]
+            which = members[has, s]
+            information[has] += inverses[which]
+            vector[has] += np.einsum("kij,kj->ki", inverses[which], places.means[which])
+        start = np.linalg.solve(information, vector[:, :, None])[:, :, 0]
+        # next to nothing is added, for places at which a sensor's derivatives vanish
+        means, covariances, level = _gauss_newton(start, 1e-9 * information, members, takes)
+        level += 0.5 * d * log(2.0 * pi)
+        rates = _rates(means, covariances, members, takes, self.undetected)
+        return Hypotheses(slots, np.exp(level) * rates, means, covariances)
+
+
+def of_undetected(undetected: Undetected, takes: Sequence[Take], gate: float) -> Newcomers:
+    """How measurements within `gate` standard deviations of each other may be of one new target."""
+    places = Places.of(takes)
+    sensors = np.repeat(np.arange(len(takes)), [len(take.measurements) for take in takes])
+    touching, together = places.touching(takes, sensors, gate)
+    return Newcomers(undetected, takes, places, touching, together)
 
 
 def _compatible(members: IntArray, places: Places, together: IntArray) -> BoolArray:
