@@ -38,6 +38,7 @@ class Scoreboard:
     _curve: list[tuple[float, int, int, float, FloatArray]] = field(default_factory=list)
     _compared: tuple[FloatArray, FloatArray] | None = None  # truth and found targets last matched
     _matches: int = 0
+    _present: int = 0  # true targets at the newest posterior's time: some may have left
     _labels: dict[int, int] = field(default_factory=dict)  # true target -> label of its found target
     _label_changes: int = 0
 
@@ -83,7 +84,7 @@ class Scoreboard:
         self._curve.append(
             (message.time, message.applied, self._matches, message.expected_cardinality, message.found)
         )
-        if self._matches < self.targets_total or not self.targets_total:
+        if self._matches < self._present or not self._present:
             self._all_found_at = None  # a late set may take a finding back
         elif self._all_found_at is None:
             self._all_found_at = message.time
@@ -94,7 +95,7 @@ class Scoreboard:
         now = (truth, message.found)
         if self._compared is not None and all(map(np.array_equal, self._compared, now)):
             return
-        self._compared = now
+        self._compared, self._present = now, int(truth.shape[1])
         pairs = matched(truth, message.found, self.mission.match_m)
         self._matches = len(pairs)
         labels = message.found_labels.tolist()
