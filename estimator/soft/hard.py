@@ -46,9 +46,8 @@ def explained(
     i, j = np.nonzero(np.sum(steps * solved, axis=2) < _GATE**2)
     mean, cov = mixture.means[i], mixture.covariances[i]
     at = mean[:, :d] + np.einsum("pab,pb->pa", cov[:, :d, :d], solved[i, j])
-    new, gain, h, lower = mean, np.empty(0), np.empty(0), np.empty(0)
     noise, size = sensor.noise, sensor.measurement_size
-    log = np.empty(0)
+    new, gain, h, log = mean, cov, cov, mean[:, 0]  # of the last step
     for _ in range(_STEPS):
         points = np.ascontiguousarray(at.T)
         h = sensor.jacobian(points, pose)

@@ -26,8 +26,8 @@ _LIKELY = -1.6  # log of the bound of l(m, s) below which the component itself i
 _LEAST = 3.0  # effective samples per dimension below which a sampled covariance is none
 _ROUNDS = 2  # of proposals from the moments found so far
 _WIDER = 2.0  # their covariance, times the one found
-_NOTHING = -30.0  # log of a share that does not count
-_LEFT_OUT = 1e-4  # of the evidence: what the pairs that are left out may have together
+_NOTHING = -20.0  # log of a share that does not count
+_LEFT_OUT = 1e-3  # of the evidence: what the pairs that are left out may have together
 
 
 @lru_cache(maxsize=16)

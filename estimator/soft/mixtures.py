@@ -29,7 +29,7 @@ from estimator.soft.priors import uniform
 from estimator.soft.salmond import merged
 from estimator.soft.statement import SoftObservation
 
-_TRACE = 1e-6  # of a target's weight, below which a component is not worth merging
+_TRACE = 1e-5  # of a target's weight, below which a component is not worth merging
 
 
 class TargetTable(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -174,7 +174,7 @@ class Mixtures:
         owners = np.repeat(np.arange(len(state.mixtures)), [m.count for m in state.mixtures])
         silent, sources = undetected(whole, sensor, pose, units)
         owner = owners[sources]
-        missed = np.bincount(owner, silent.weights, len(state.mixtures))
+        missed = np.bincount(owner, silent.weights, len(state.mixtures)).astype(np.float64)
         if len(measurements) == 0:
             mixtures = [
                 self._reduced(silent.chosen(owner == i)) if missed[i] > 0.0 else mixture

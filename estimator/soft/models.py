@@ -169,7 +169,7 @@ def _sides(
     """Four sub-classes slope (axis . (x - centre) - inset), and beyond reach four more as one category."""
     weights, biases = slope * axes, -slope * insets
     classes = np.arange(4)
-    names = ("in front of", "behind", "left of", "right of")
+    names: tuple[str, ...] = ("in front of", "behind", "left of", "right of")
     if reach is not None:
         if not 0.0 < reach < np.inf:
             raise ValueError(f"reach: expected a finite number above 0, got {reach}")

@@ -8,7 +8,7 @@ until no more than M_max are left.
 
 import numpy as np
 
-from estimator.arrays import FloatArray
+from estimator.arrays import BoolArray, FloatArray
 from estimator.gaussian.components import factorise
 from estimator.kernels import kernel
 
@@ -94,7 +94,7 @@ def _cost(i: int, j: int, w: FloatArray, white: FloatArray) -> float:
 
 
 @kernel
-def _nearest(i: int, w: FloatArray, white: FloatArray, alive: FloatArray) -> tuple[int, float]:
+def _nearest(i: int, w: FloatArray, white: FloatArray, alive: BoolArray) -> tuple[int, float]:
     """The cheapest to join with i among those of higher number, -1 if there is none; and its cost."""
     best = -1
     least = np.inf

@@ -27,7 +27,7 @@ from estimator.kernels import exp_negative, kernel
 
 _STEPS = 60  # at most; a proposal needs no more
 _LEAP = 10.0
-_SETTLED = 0.02  # standard deviations of the prior that the mean still moves
+_SETTLED = 0.05  # standard deviations of the prior that the mean still moves
 
 
 @kernel
