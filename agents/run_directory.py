@@ -65,19 +65,19 @@ class RunDirectory:
 def write_json(path: Path, value: Any) -> None:
     """Raises StorageError if the disk does not take it."""
     try:
-        path.write_text(json.dumps(_finite(value), indent=2) + "\n")
+        path.write_text(json.dumps(finite(value), indent=2) + "\n")
     except OSError as error:
         raise StorageError(f"cannot write {path}: {error.strerror}") from error
 
 
-def _finite(value: Any) -> Any:
-    """JSON has no infinity and no NaN: null stands for both."""
+def finite(value: Any) -> Any:
+    """The same value without NaN and infinity: null, the only word JSON has for them."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
+        return {key: finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
+        return [finite(item) for item in value]
     return value
 
 

@@ -117,7 +117,7 @@ def read_landmarks(directory: Path) -> FloatArray:
         DataError: as `start_time`.
     """
     start_time(directory)
-    table = _table(directory / "Landmark_Groundtruth.dat", 5)
+    table = read_table(directory / "Landmark_Groundtruth.dat", 5)
     return np.ascontiguousarray(table[:, 1:3].T)
 
 
@@ -128,7 +128,7 @@ def read_track(directory: Path, robot: int) -> Track:
         DataError: if the files are missing or malformed.
     """
     zero = start_time(directory)
-    table = _table(directory / f"Robot{robot}_Groundtruth.dat", 4)
+    table = read_table(directory / f"Robot{robot}_Groundtruth.dat", 4)
     times, poses = table[:, 0] - zero, np.ascontiguousarray(table[:, 1:].T)
     poses[2] = np.unwrap(poses[2])
     strides = np.append(np.arange(times[0], times[-1], _STRIDE_S), times[-1])
@@ -144,7 +144,7 @@ def read_frames(directory: Path, robot: int, camera: Camera, period: float) -> F
         DataError: if the files are missing or malformed.
     """
     zero = start_time(directory)
-    table = _table(directory / f"Robot{robot}_Measurement.dat", 4)
+    table = read_table(directory / f"Robot{robot}_Measurement.dat", 4)
     stamps = table[:, 0] - zero
     first = np.append(0, np.flatnonzero(np.diff(stamps) > _SAME_FRAME_S) + 1)
     seen = stamps[first]
@@ -168,7 +168,12 @@ def read_frames(directory: Path, robot: int, camera: Camera, period: float) -> F
     )
 
 
-def _table(file: Path, columns: int) -> FloatArray:
+def read_table(file: Path, columns: int) -> FloatArray:
+    """The rows (k, columns) of one of the data set's files.
+
+    Raises:
+        DataError: if it is missing or malformed.
+    """
     try:
         table = np.loadtxt(file, dtype=np.float64, comments="#", ndmin=2)
     except OSError as error:
