@@ -145,9 +145,10 @@ def _edged(
 ) -> None:
     """Box and sector: the gain inside, 0 outside; edges belong to the inside."""
     d = points.shape[0]
+    half = 0.5 * size[2]
+    edge_c, edge_s = np.cos(half), np.sin(half)
     for k in range(poses.shape[0]):
         c, s = (np.cos(poses[k, 3]), np.sin(poses[k, 3])) if turns else (1.0, 0.0)
-        half = 0.5 * size[2]
         for i in range(points.shape[1]):
             dx, dy = points[0, i] - poses[k, 0], points[1, i] - poses[k, 1]
             dz = points[2, i] - poses[k, 2] if d == 3 else 0.0
@@ -159,7 +160,13 @@ def _edged(
             else:
                 r2 = dx * dx + dy * dy + dz * dz
                 inside = size[0] * size[0] <= r2 <= size[1] * size[1]
-                inside = inside and abs(np.arctan2(left, ahead)) <= half
+                if inside:
+                    # beyond = distance times sin(|bearing| - half); the angle itself decides only near 0
+                    beyond = abs(left) * edge_c - ahead * edge_s
+                    if abs(beyond) > 1e-9 * (abs(left) + abs(ahead)):
+                        inside = beyond < 0.0
+                    else:
+                        inside = abs(np.arctan2(left, ahead)) <= half
             out[k, i] = gain if inside else 0.0
 
 

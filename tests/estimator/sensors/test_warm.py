@@ -16,7 +16,10 @@ from tests.estimator.sensors.cases import NAMES, POSE, area, case
 names = ["estimator.sensors." + m.name for m in pkgutil.iter_modules(room.__path__)]
 modules = [importlib.import_module(name) for name in names]
 ours = [m for m in modules if m.__name__.split(".")[-1] not in ("gating", "range_bearing")]
-kernels = {f"{m.__name__}.{k}": v for m in ours for k, v in vars(m).items() if isinstance(v, CPUDispatcher)}
+kernels = {
+    f"{m.__name__}.{k}": v for m in ours for k, v in vars(m).items()
+    if isinstance(v, CPUDispatcher) and v.py_func.__module__ == m.__name__
+}
 for kind in warm.KINDS:
     for d in (2, 3):
         warm.run(kind, d)
