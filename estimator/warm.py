@@ -17,6 +17,7 @@ from estimator.smc.config import SmcPhdConfig
 from estimator.smc.kmeans import kmeans
 from estimator.smc.smc_phd import SmcPhd
 from estimator.soft import warm as soft
+from estimator.spacing import capped
 
 _SHAPES = ("exponential", "box", "sector")
 
@@ -27,7 +28,7 @@ def warmups() -> list[tuple[str, Callable[[], None]]]:
     for d in (2, 3):
         calls += [(f"{shape} field of view, {d}D", partial(_look, d, shape)) for shape in _SHAPES]
         calls += [(f"PHD filter, {d}D", partial(_search, d)), (f"K-means, {d}D", partial(_kmeans, d))]
-    calls.append(("metrics", _metrics))
+    calls.append(("metrics and spacing", _metrics))
     calls += [(f"{kind}, {d}D", partial(sensors.run, kind, d)) for kind in sensors.KINDS for d in (2, 3)]
     calls += [(f"line of sight, {d}D", partial(maps.run, *_sensor(d, "exponential"))) for d in (2, 3)]
     calls += [(f"LMB filter, {d}D", partial(lmb.run, *_sensor(d, "exponential"))) for d in (2, 3)]
@@ -90,3 +91,4 @@ def _metrics() -> None:
     points = np.random.default_rng(0).uniform(0.0, 1.0, (2, 6))
     gospa(points, points[:, :5], c=0.5)
     matched(points, points[:, :5], 0.5)
+    capped(points, np.full(6, 0.5), 0.5)

@@ -30,6 +30,7 @@ from estimator.kernels import kernel
 from estimator.motion import Motion, MotionConfig
 from estimator.multisensor import Take, checked_take
 from estimator.sensor import SensorModel, checked_poses, gaussian, validated
+from estimator.spacing import capped
 from estimator.undetected import Undetected
 
 _NOTHING = 1e-290  # a denominator up to this is 0 to working precision
@@ -49,6 +50,7 @@ class GmPhdConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     merge_sigmas: NonNegative = 2.0  # Mahalanobis distance up to which components merge
     merge_mutual: bool = False  # measured with both covariances, not only that of the lighter component
     components: Annotated[int, Meta(ge=1, le=100_000)] = 500  # at most
+    spacing_m: NonNegative = 0.0  # targets are never nearer to each other than this
     split_detection: Annotated[float, Meta(gt=0, le=1)] = 0.2  # p_D varies more over a component: split it
     split_depth: Annotated[int, Meta(ge=0, le=4)] = 2  # how often, into four; 0 never splits
     cluster_sigmas: NonNegative = 3.0  # Mahalanobis distance up to which components are one estimated target
@@ -232,6 +234,9 @@ class GmPhd:
             most=config.components,
             mutual=config.merge_mutual,
         )
+        if config.spacing_m > 0.0:
+            places = fewer.positions(undetected.area.dimension)
+            fewer = replace(fewer, weights=capped(places, fewer.weights, config.spacing_m))
         return GmPhdState(fewer, np.full(fewer.count, -1), undetected)
 
 
