@@ -50,11 +50,19 @@ def born(
     """
     if sensor.measurement_size < sensor.dimension:
         return _by_cells(undetected, sensor, pose, measurements, known, clutter, motion, rule)
-    explained = explanations(undetected, sensor, pose, measurements)
-    totals = _worth(explained.totals, known, clutter)
-    which = np.flatnonzero(totals)
-    places = sensor.location_covariance(measurements[which], pose) if which.size else np.zeros((0, 0, 0))
-    return Births(totals, _started(totals[which], explained.centres[:, which].T, places, motion), which)
+    places = sensor.location_covariance(measurements, pose)
+    # e_j is at most about max v times the integral of g over x; the look at where it is exactly costs more
+    volumes = np.sqrt(np.maximum(np.linalg.det(places), 0.0) / np.linalg.det(sensor.noise))
+    likely = np.flatnonzero(_worth(2.0 * undetected.values.max() * volumes, known, clutter))
+    totals = np.zeros(len(measurements))
+    if likely.size == 0:
+        return Births(totals, Components.none(motion.state_size), likely)
+    explained = explanations(undetected, sensor, pose, measurements[likely])
+    totals[likely] = _worth(explained.totals, known[likely], clutter[likely])
+    new = totals[likely] > 0.0
+    which = likely[new]
+    started = _started(totals[which], explained.centres[:, new].T, places[which], motion)
+    return Births(totals, started, which)
 
 
 def _worth(totals: FloatArray, known: FloatArray, clutter: FloatArray) -> FloatArray:
