@@ -58,8 +58,8 @@ def kl_sampled(
 def kl_variational(mixture: Components, other: Components) -> float:
     """KL(mixture || other) in nats, Hershey & Olsen's (2007) variational approximation: closed form.
 
-    Exact for single Gaussians and for equal mixtures; otherwise neither a bound nor exact: where components of
-    one mixture overlap it was off by some tenths of a nat (tests).
+    Exact for single Gaussians and for equal mixtures; otherwise neither a bound nor exact: where the
+    components of one mixture overlap it was off by some tenths of a nat (tests).
 
     Raises:
         ValueError: as `kl_sampled`.

@@ -21,6 +21,8 @@ from estimator.gaussian.components import factorise
 from estimator.kernels import exp_negative, kernel
 from estimator.soft.variational import inverse, products, variational
 
+Work = tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]
+
 _ENOUGH = 0.25  # effective share of the samples that needs no better proposal
 _LIKELY = -1.6  # log of the bound of l(m, s) below which the component itself is not even tried
 _LEAST = 3.0  # effective samples per dimension below which a sampled covariance is none
@@ -88,7 +90,11 @@ def reweighted(
     logs = np.empty(count)
     out_means, out_covariances = np.empty((count, d)), np.empty((count, d, d))
     sources, shares = np.empty(count, np.int64), np.empty(count)
-    work = np.empty((slopes.shape[0] + 4, units.shape[1]))
+    lines = np.empty((slopes.shape[0], units.shape[1]))
+    # Rows of one array might overlap for all the compiler knows, and it would do one number at a time.
+    top_row, total_row = np.empty(units.shape[1]), np.empty(units.shape[1])
+    value_row, step_row = np.empty(units.shape[1]), np.empty(units.shape[1])
+    work = (lines, top_row, total_row, value_row, step_row)
     furthest = 0.0
     for i in range(units.shape[1]):
         square = 0.0
@@ -212,7 +218,7 @@ def _pair(
     likely: bool,
     out_mean: FloatArray,
     out_covariance: FloatArray,
-    work: FloatArray,
+    work: Work,
 ) -> tuple[float, float]:
     """log l(m, s) and the effective share of the samples; the moments into out_mean and out_covariance."""
     d = mean.size
@@ -282,7 +288,7 @@ def _sampled(
     furthest: float,
     out_mean: FloatArray,
     out_covariance: FloatArray,
-    work: FloatArray,
+    work: Work,
 ) -> tuple[float, float]:
     """One round: samples x = centre + spread u, weights p(s | x) N(x) / q(x), their moments.
 
@@ -315,7 +321,7 @@ def _sampled(
         for b in range(d):
             twist[a, b] /= lower[a, a]
         scale += np.log(spread[a, a] / lower[a, a])
-    top, total, value, row = work[k], work[k + 1], work[k + 2], work[k + 3]
+    lines, top, total, value, row = work
     for i in range(count):
         value[i] = scale
         total[i] = 0.0
@@ -338,7 +344,7 @@ def _sampled(
         for a in range(d):
             apart += (tilt[r, a] - tilt[best, a]) ** 2
         if r == s or base[r] - base[best] + np.sqrt(apart) * furthest > _NOTHING:
-            line = work[active]
+            line = lines[active]
             for i in range(count):
                 line[i] = base[r]
             for a in range(d):
@@ -355,9 +361,11 @@ def _sampled(
                     top[i] = max(top[i], line[i])
             active += 1
     for j in range(active):
-        line = work[j]
+        line = lines[j]
         for i in range(count):
-            total[i] += exp_negative(line[i] - top[i])
+            line[i] = exp_negative(line[i] - top[i])
+        for i in range(count):
+            total[i] += line[i]
     greatest = -np.inf
     for i in range(count):
         value[i] -= top[i]
