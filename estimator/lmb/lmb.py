@@ -18,16 +18,19 @@ from msgspec import Meta
 
 from estimator.arrays import Count, FloatArray, Fraction, IntArray, NonNegative, Positive
 from estimator.filter import Area, Clusters
+from estimator.gaussian.components import Components
 from estimator.gaussian.detection import mean_detection
+from estimator.gaussian.extraction import sampled
+from estimator.gaussian.prediction import predicted
 from estimator.gaussian.update import kalman_pairs
 from estimator.lmb.association import Marginals, Pairs, associated
 from estimator.lmb.births import Births, newborn
+from estimator.lmb.correction import Reduction, Sightings, corrected, reduced, sightings, unseen_weights
 from estimator.lmb.merging import apart, merged
-from estimator.lmb.tracks import Reduction, Sightings, Tracks, corrected, reduced, sightings, unseen_weights
+from estimator.lmb.tracks import Tracks
 from estimator.lmb.trajectories import Instant
 from estimator.motion import Motion, MotionConfig
 from estimator.sensor import GaussianSensor, SensorModel, checked_poses, gaussian, validated
-from estimator.smc.resampling import systematic
 from estimator.undetected import Undetected
 
 _THERE = 0.5  # existence probability from which a track is believed, and remembered in trajectories
@@ -117,11 +120,7 @@ class Lmb:
         motion = self._motion(undetected.area.dimension)
         survival = config.survival**duration
         if tracks.count and not motion.is_static:
-            f, q = motion.transition(duration)
-            parts = tracks.components
-            means, covariances = parts.means @ f.T, f @ parts.covariances @ f.T + q
-            moved = replace(parts, means=means, covariances=np.ascontiguousarray(covariances))
-            tracks = replace(tracks, components=moved)
+            tracks = replace(tracks, components=predicted(tracks.components, motion, duration))
         if survival < 1.0:
             tracks = replace(tracks, existence=tracks.existence * survival)
         if survival < 1.0 or config.birth > 0.0 or not motion.is_static:
@@ -191,21 +190,14 @@ class Lmb:
         """The expected number of targets, undetected ones among them."""
         return float(state.tracks.existence.sum()) + state.undetected.mass()
 
-    def points(self, state: LmbState) -> tuple[FloatArray, FloatArray]:
-        """The intensity v as points (d, k) with weights (k,): components' means, then the grid's nodes."""
-        tracks, d = state.tracks, state.undetected.area.dimension
-        points = np.concatenate([tracks.components.positions(d), state.undetected.nodes()], axis=1)
-        masses = tracks.existence[tracks.owners()] * tracks.components.weights
-        return points, np.concatenate([masses, state.undetected.node_masses()])
+    def intensity(self, state: LmbState) -> Components:
+        """v_tracker: the tracks' components with weights in expected targets, r times that in the track."""
+        tracks = state.tracks
+        return tracks.components.scaled(tracks.existence[tracks.owners()])
 
     def thinned(self, state: LmbState, size: int) -> tuple[FloatArray, FloatArray]:
-        """At most `size` points (d, k) with weights (k,) that stand for the intensity, mass kept."""
-        points, weights = self.points(state)
-        total = float(weights.sum())
-        if total <= 0.0 or size < 1:
-            return np.zeros((points.shape[0], 0)), np.zeros(0)
-        chosen, counts = np.unique(systematic(weights, size, 0.5), return_counts=True)
-        return np.ascontiguousarray(points[:, chosen]), np.asarray(counts * (total / size), dtype=np.float64)
+        """At most `size` points (d, k) with weights (k,) that stand for the intensity v, mass kept."""
+        return sampled(self.intensity(state), state.undetected, size, state.undetected.area.dimension)
 
     def _motion(self, dimension: int) -> Motion:
         return Motion(dimension, self.config.motion)

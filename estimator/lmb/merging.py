@@ -14,7 +14,8 @@ import numpy as np
 from estimator.arrays import FloatArray, IntArray
 from estimator.gaussian.components import Components, factorise
 from estimator.kernels import kernel
-from estimator.lmb.tracks import Reduction, Tracks, reduced
+from estimator.lmb.correction import Reduction, reduced
+from estimator.lmb.tracks import Tracks
 
 
 def apart(tracks: Tracks, dimension: int, spacing: float, reduction: Reduction) -> Tracks:
