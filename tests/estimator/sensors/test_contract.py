@@ -122,7 +122,7 @@ def test_the_likelihood_of_a_target_integrates_to_one(case: Case, seed: int) -> 
 
 @every
 def test_clutter_integrates_to_the_expected_number(case: Case) -> None:
-    z, volume = case.anywhere(80_000, np.random.default_rng(3))
+    z, volume = case.anywhere(40_000, np.random.default_rng(3))
     clutter = case.sensor.clutter_intensity(z, POSE)
     assert (clutter >= 0.0).all()
     rate = case.sensor.clutter  # type: ignore[attr-defined]
@@ -133,7 +133,7 @@ def test_clutter_integrates_to_the_expected_number(case: Case) -> None:
 
 @every
 def test_samples_without_targets_are_the_clutter(case: Case) -> None:
-    rng, sensor, sets = np.random.default_rng(4), case.sensor, 1500
+    rng, sensor, sets = np.random.default_rng(4), case.sensor, 800
     none = np.zeros((sensor.dimension, 0))
     drawn = [sensor.sample(none, POSE, rng) for _ in range(sets)]
     z = np.concatenate(drawn)
@@ -142,7 +142,7 @@ def test_samples_without_targets_are_the_clutter(case: Case) -> None:
     assert same_count(len(z), sets * rate)
     assert counts.var() == pytest.approx(rate, rel=0.3)  # Poisson
     assert (sensor.clutter_intensity(z, POSE) > 0.0).all()
-    even, volume = case.anywhere(80_000, rng)
+    even, volume = case.anywhere(40_000, rng)
     clutter = sensor.clutter_intensity(even, POSE) * (volume * sets / len(even))
     for a in range(z.shape[1]):
         edges = np.linspace(case.low[a] - 0.5, case.high[a] + 0.5, 14)
@@ -153,7 +153,7 @@ def test_samples_without_targets_are_the_clutter(case: Case) -> None:
 @every
 @pytest.mark.parametrize("seed", [5])
 def test_samples_of_a_target_follow_detection_noise_and_clutter(case: Case, seed: int) -> None:
-    rng, sensor, sets = np.random.default_rng(seed), case.sensor, 1500
+    rng, sensor, sets = np.random.default_rng(seed), case.sensor, 800
     target = seen_well(sensor, rng)
     drawn = np.concatenate([sensor.sample(target, POSE, rng) for _ in range(sets)])
     if case.counted:
