@@ -1,8 +1,9 @@
 """Likelihoods of range-bearing(-elevation) measurements at the few points that each can touch.
 
-Range and direction around the sensor are cut into 64 x 64 cells. Points are sorted into those cells that some
-gate reaches into, and each measurement looks at its own cells only, so the work follows the pairs that matter
-and not points times measurements. Directions use a monotone stand-in for the angle that needs one division.
+Range and direction around the sensor are cut into 64 x 64 cells. Those that some gate reaches into get
+numbers, slots, and the points in them are sorted by slot; each measurement looks at its own cells only, so
+the work follows the pairs that matter and not points times measurements. Directions use a monotone stand-in
+for the angle that needs one division.
 """
 
 import numpy as np
@@ -63,16 +64,32 @@ def _gates(
 
 
 @kernel
+def _slots(used: FlagArray) -> tuple[ShortArray, int]:
+    """Used cells numbered from 1 in their order (cells + 1,), 0 for the others; how many there are."""
+    slots = np.zeros(_CELLS + 1, np.int32)
+    count = 0
+    for begin in range(0, _CELLS, _RAYS):
+        any_used = 0
+        for cell in range(begin, begin + _RAYS):
+            any_used |= used[cell]
+        if any_used:
+            for cell in range(begin, begin + _RAYS):
+                count += used[cell]
+                slots[cell] = count * used[cell]
+    return slots, count
+
+
+@kernel
 def _near(
-    points: FloatArray, pose: FloatArray, farthest: float, used: FlagArray
+    points: FloatArray, pose: FloatArray, farthest: float, slots: ShortArray
 ) -> tuple[IndexArray, ShortArray, bool]:
-    """Indices and cells of the points in used cells; whether all points are finite."""
+    """Indices and slots of the points in used cells; whether all points are finite."""
     n = points.shape[1]
-    near, near_cells = np.empty(n, np.uint32), np.empty(n, np.int32)
-    ranges, cells = np.empty(_BLOCK), np.empty(_BLOCK, np.int32)
+    near, near_slots = np.empty(n, np.uint32), np.empty(n, np.int32)
+    ranges, rays, cells = np.empty(_BLOCK), np.empty(_BLOCK), np.empty(_BLOCK, np.uint32)
     scale, turn = _RINGS / farthest, 0.25 * _RAYS
     x, y = pose[0], pose[1]
-    total, count = 0.0, 0
+    total, count = 0.0, np.uint64(0)
     for begin in range(0, n, _BLOCK):
         size = min(_BLOCK, n - begin)
         px, py = points[0, begin : begin + size], points[1, begin : begin + size]
@@ -81,62 +98,79 @@ def _near(
             for i in range(size):
                 dx, dy, dz = px[i] - x, py[i] - y, pz[i] - z
                 ranges[i] = np.sqrt(dx * dx + dy * dy + dz * dz)
+                rays[i] = (_diamond(dx, dy) + 1.0) * turn
         else:
             for i in range(size):
                 dx, dy = px[i] - x, py[i] - y
                 ranges[i] = np.sqrt(dx * dx + dy * dy)
+                rays[i] = (_diamond(dx, dy) + 1.0) * turn
         for i in range(size):
             r = ranges[i]
             total += r
             inside = r < farthest  # false for NaN
-            ring = (r if inside else 0.0) * scale
-            ray = (_diamond(px[i] - x, py[i] - y) + 1.0) * turn
-            ray = ray if inside else 0.0
-            row, column = min(np.int32(ring), np.int32(_RINGS - 1)), np.int32(ray) & np.int32(_RAYS - 1)
-            cells[i] = row * np.int32(_RAYS) + column if inside else np.int32(_CELLS)
-        for i in range(size):
+            ring, ray = np.int32((r if inside else 0.0) * scale), np.int32(rays[i] if inside else 0.0)
+            row, column = min(ring, np.int32(_RINGS - 1)), ray & np.int32(_RAYS - 1)
+            cells[i] = np.uint32(row * np.int32(_RAYS) + column if inside else np.int32(_CELLS))
+        for i in range(size):  # without a branch, as nothing tells beforehand which points are near
+            slot = slots[cells[i]]
             near[count] = begin + i
-            near_cells[count] = cells[i]
-            count += used[cells[i]]
-    return near[:count], near_cells[:count], np.isfinite(total)
+            near_slots[count] = slot
+            count += np.uint64(slot > 0)
+    return near[:count], near_slots[:count], np.isfinite(total)
 
 
 @kernel
-def _by_cell(near: IndexArray, cells: ShortArray) -> tuple[IntArray, IndexArray]:
-    """The points cell by cell: offsets (cells + 1,), indices. Counting sort."""
-    offsets = np.zeros(_CELLS + 1, np.int64)
+def _by_slot(near: IndexArray, slots: ShortArray, count: int) -> tuple[IntArray, IndexArray]:
+    """The points slot by slot: offsets (count + 2,), s has `indices[offsets[s]:offsets[s + 1]]`; indices.
+
+    Counting sort.
+    """
+    offsets = np.zeros(count + 2, np.int64)
     for q in range(near.size):
-        offsets[cells[q] + 1] += 1
-    for c in range(_CELLS):
-        offsets[c + 1] += offsets[c]
-    filled = offsets[:_CELLS].copy()
+        offsets[slots[q] + 1] += 1
+    for s in range(count + 1):
+        offsets[s + 1] += offsets[s]
+    filled = offsets.copy()
     indices = np.empty(near.size, np.uint32)
     for q in range(near.size):
-        indices[filled[cells[q]]] = near[q]
-        filled[cells[q]] += 1
+        at = filled[slots[q]]
+        indices[at] = near[q]
+        filled[slots[q]] = at + 1
     return offsets, indices
 
 
 @kernel
-def _candidates(gates: ShortArray, offsets: IntArray, indices: IndexArray) -> tuple[IntArray, IndexArray]:
-    """Points in the cells of each measurement's gate, as compressed rows."""
+def _candidates(
+    gates: ShortArray, slots: ShortArray, offsets: IntArray, indices: IndexArray
+) -> tuple[IntArray, IndexArray]:
+    """Points in the cells of each measurement's gate, as compressed rows.
+
+    All cells of a gate have slots, and those that lie side by side have slots in a row: a ring of a gate is
+    one piece of `indices`, or two where it goes across ray 0.
+    """
     m = gates.shape[0]
     rows = np.zeros(m + 1, np.int64)
-    for j in range(m):
-        rows[j + 1] = rows[j]
-        for ring in range(gates[j, 0], gates[j, 1] + 1):
-            for ray in range(gates[j, 2], gates[j, 3] + 1):
-                c = ring * _RAYS + ray % _RAYS
-                rows[j + 1] += offsets[c + 1] - offsets[c]
-    candidates = np.empty(rows[m], np.uint32)
-    at = 0
-    for j in range(m):
-        for ring in range(gates[j, 0], gates[j, 1] + 1):
-            for ray in range(gates[j, 2], gates[j, 3] + 1):
-                c = ring * _RAYS + ray % _RAYS
-                for k in range(offsets[c], offsets[c + 1]):
-                    candidates[at] = indices[k]
-                    at += 1
+    candidates = np.empty(0, np.uint32)
+    for filling in range(2):
+        at = 0
+        for j in range(m):
+            first, width = gates[j, 2] % _RAYS, gates[j, 3] - gates[j, 2] + 1
+            over = first + width - _RAYS
+            for ring in range(gates[j, 0], gates[j, 1] + 1):
+                base = ring * _RAYS
+                begin = offsets[slots[base + first]]
+                end = offsets[slots[base + (_RAYS if over > 0 else first + width) - 1] + 1]
+                again = offsets[slots[base + over - 1] + 1] if over > 0 else np.int64(0)
+                again_from = offsets[slots[base]] if over > 0 else np.int64(0)
+                if filling:
+                    for k in range(begin, end):
+                        candidates[at + k - begin] = indices[k]
+                    for k in range(again_from, again):
+                        candidates[at + end - begin + k - again_from] = indices[k]
+                at += end - begin + again - again_from
+            rows[j + 1] = at
+        if not filling:
+            candidates = np.empty(at, np.uint32)
     return rows, candidates
 
 
@@ -155,13 +189,14 @@ def gated_likelihoods(
         farthest = max(farthest, measurements[j, 0] + gate * sigmas[0])
     used = np.zeros(_CELLS + 1, np.uint8)
     gates = _gates(measurements, sigmas, gate, farthest, used)
-    near, cells, finite = _near(points, pose, farthest, used)
-    by_cell, sorted_points = _by_cell(near, cells)
-    rows, candidates = _candidates(gates, by_cell, sorted_points)
+    slots, count = _slots(used)
+    near, near_slots, finite = _near(points, pose, farthest, slots)
+    by_slot, sorted_points = _by_slot(near, near_slots, count)
+    rows, candidates = _candidates(gates, slots, by_slot, sorted_points)
     offsets = np.zeros(m + 1, np.int64)
     indices, likelihood = np.empty(rows[m], np.int64), np.empty(rows[m])
     buffer, density = np.empty((5, _BLOCK)), np.empty(_BLOCK)
-    count = 0
+    kept = 0
     for j in range(m):
         for begin in range(rows[j], rows[j + 1], _BLOCK):
             block = candidates[begin : min(begin + _BLOCK, rows[j + 1])]
@@ -170,11 +205,11 @@ def gated_likelihoods(
             else:
                 _densities_2d(points, pose, block, measurements[j], sigmas, gate, buffer, density)
             for k in range(block.size):
-                indices[count] = block[k]
-                likelihood[count] = density[k]
-                count += density[k] > 0.0
-        offsets[j + 1] = count
-    return offsets, indices[:count], likelihood[:count], finite
+                indices[kept] = block[k]
+                likelihood[kept] = density[k]
+                kept += density[k] > 0.0
+        offsets[j + 1] = kept
+    return offsets, indices[:kept], likelihood[:kept], finite
 
 
 @kernel
@@ -190,14 +225,15 @@ def _densities_2d(
 ) -> None:
     """Gaussian densities of measurement z (2,) at the points in `block`, 0 outside the gate.
 
-    Two loops: one that fetches, one that computes and that the compiler can do four wide.
+    One loop that fetches, and loops that compute and that the compiler can do four wide.
     """
     px, py, x, y = points[0], points[1], pose[0], pose[1]
     off, ahead, aside = buffer[0], buffer[1], buffer[2]
     cosine, sine = np.cos(z[1]), np.sin(z[1])
     for k in range(block.size):
-        i = block[k]
-        dx, dy = px[i] - x, py[i] - y
+        ahead[k], aside[k] = px[block[k]], py[block[k]]
+    for k in range(block.size):
+        dx, dy = ahead[k] - x, aside[k] - y
         r = np.sqrt(dx * dx + dy * dy)
         dx = dx if r > 0.0 else 1.0
         inverse = 1.0 / (r if r > 0.0 else 1.0)
@@ -241,8 +277,9 @@ def _densities_3d(
     # wide gates: `rise` and `along` are of the elevation itself, which does not wrap
     up_cosine, up_sine = (np.cos(z[2]), np.sin(z[2])) if narrow else (1.0, 0.0)
     for k in range(block.size):
-        i = block[k]
-        dx, dy, dz = px[i] - pose[0], py[i] - pose[1], pz[i] - pose[2]
+        off[k], ahead[k], aside[k] = px[block[k]], py[block[k]], pz[block[k]]
+    for k in range(block.size):
+        dx, dy, dz = off[k] - pose[0], ahead[k] - pose[1], aside[k] - pose[2]
         level2 = dx * dx + dy * dy
         level, r = np.sqrt(level2), np.sqrt(level2 + dz * dz)
         above, on = level == 0.0, r == 0.0
