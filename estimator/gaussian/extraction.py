@@ -58,7 +58,7 @@ def sampled(
     k, weight = components.count, total / size
     inside = chosen < k
     owners = np.repeat(chosen[inside], counts[inside])
-    offsets = _offsets(d)[:, np.arange(owners.size) % _POINTS]
+    offsets = np.ascontiguousarray(_offsets(d)[:, np.arange(owners.size) % _POINTS])
     points = np.empty((d, owners.size))
     _place(components.means, components.covariances, owners, offsets, points)
     if undetected is not None:
