@@ -9,6 +9,7 @@ import numpy as np
 from agents.mission import start_pose
 from agents.team import Team
 from estimator.exploration import Exploration
+from estimator.maps.line_of_sight import LineOfSight
 from planner.maasi.trigger import worth_measuring
 from planner.plan import Commitment, PlanProblem
 
@@ -63,8 +64,9 @@ def rehearse_fusion(team: Team) -> None:
         pose = start_pose(team.mission.robot(robot))
         pose[: team.area.dimension] = targets[:, 0] - 1.0
         measurements = np.zeros((0, sensor.measurement_size))
+        seeing = sensor.sensor if isinstance(sensor, LineOfSight) else sensor  # here a wall may be in between
         for attempt in range(20):
-            drawn = sensor.sample(targets, pose, rng)
+            drawn = seeing.sample(targets, pose, rng)
             measurements = drawn if len(drawn) else measurements
             state = search.apply(state, sensor, pose, measurements, 0.1 * attempt, rng)
         # Once more without the search, which takes found targets out before their particles are resampled.

@@ -59,14 +59,14 @@ def read_run(directory: Path) -> tuple[Mission, dict[str, Recording]]:
             )
         mine = sets[robot.id]
         poses = np.stack([message.pose for message in mine])
-        truth = np.stack([world.targets(message.time)[:2] for message in mine])
+        truth = _padded([world.targets(message.time)[:2] for message in mine])
         others = [s for name, s in sorted(sets.items()) if name != robot.id and s]
         seen_too = mission.teammates.rate > 0.0 and others
         times = np.array([message.time for message in mine])
         hidden = None
         if team.sight is not None:
             pairs = zip(truth, poses, strict=True)
-            hidden = np.stack([~team.sight.visible(targets, pose)[0] for targets, pose in pairs])
+            hidden = np.stack([~team.sight.visible(np.nan_to_num(t), pose)[0] for t, pose in pairs])
         out[robot.id] = Recording(
             poses=poses,
             offsets=np.append(0, np.cumsum([len(message.measurements) for message in mine])),
@@ -93,6 +93,14 @@ def _seed(run: RunDirectory, mission: Mission) -> int:
         return mission.seed
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise DataError(f"{run.summary} does not say the run's seed: {error}") from None
+
+
+def _padded(places: list[FloatArray]) -> FloatArray:
+    """(k, 2, n) of places (2, at most n), with NaN for targets that had not come or had left."""
+    out = np.full((len(places), 2, max(part.shape[1] for part in places)), np.nan)
+    for i, part in enumerate(places):
+        out[i, :, : part.shape[1]] = part
+    return out
 
 
 def _places(sets: list[MeasurementSetMessage], times: FloatArray) -> FloatArray:
