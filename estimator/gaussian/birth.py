@@ -21,6 +21,7 @@ from estimator.undetected import Undetected, explanations
 # A measurement is left to the components if they explain it so much better than the undetected part does,
 _PLAIN = 1e-2
 _TRACE = 1e-4  # or if the new target would have less mass than this.
+_BLOCK = 4096  # measurements looked at together: bounds the memory of large sets
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,12 +58,14 @@ def born(
     totals = np.zeros(len(measurements))
     if likely.size == 0:
         return Births(totals, Components.none(motion.state_size), likely)
-    explained = explanations(undetected, sensor, pose, measurements[likely])
-    totals[likely] = _worth(explained.totals, known[likely], clutter[likely])
-    new = totals[likely] > 0.0
-    which = likely[new]
-    started = _started(totals[which], explained.centres[:, new].T, places[which], motion)
-    return Births(totals, started, which)
+    centres = np.zeros((len(measurements), sensor.dimension))
+    for begin in range(0, likely.size, _BLOCK):
+        block = likely[begin : begin + _BLOCK]
+        explained = explanations(undetected, sensor, pose, measurements[block])
+        totals[block] = _worth(explained.totals, known[block], clutter[block])
+        centres[block] = explained.centres.T
+    which = likely[totals[likely] > 0.0]
+    return Births(totals, _started(totals[which], centres[which], places[which], motion), which)
 
 
 def _worth(totals: FloatArray, known: FloatArray, clutter: FloatArray) -> FloatArray:

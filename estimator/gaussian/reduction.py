@@ -10,6 +10,8 @@ from estimator.arrays import FloatArray, IntArray
 from estimator.gaussian.components import Components, factorise
 from estimator.kernels import kernel
 
+_ROOM = 8  # times as many components as may stay are merged at most, the heaviest
+
 
 def reduced(
     components: Components, *, prune: float, merge_sigmas: float, most: int, mutual: bool = False
@@ -19,6 +21,9 @@ def reduced(
     What is dropped is dropped: other weights do not grow by it.
     """
     kept = components.chosen(components.weights >= prune) if prune > 0.0 else components
+    if kept.count > _ROOM * most:  # merging a hundred thousand components would take minutes
+        heaviest = np.argsort(-kept.weights, kind="stable")[: _ROOM * most]
+        kept = kept.chosen(np.sort(heaviest))
     groups, count = grouped(kept, merge_sigmas, mutual)
     merged = together(kept, groups, count)
     order = np.argsort(-merged.weights, kind="stable")[:most]

@@ -10,12 +10,16 @@ from hypothesis import strategies as st
 
 from estimator.arrays import FloatArray
 from estimator.filter import Area
+from estimator.gaussian.birth import born
 from estimator.gaussian.components import Components, first_indefinite
 from estimator.gaussian.gm_phd import GmPhd, GmPhdState
-from estimator.motion import MotionConfig
+from estimator.motion import Motion, MotionConfig
+from estimator.sensor import gaussian
 from estimator.sensors.range_bearing import RangeBearing
 from estimator.smc.correction import corrected
+from estimator.undetected import Undetected
 from tests.estimator.exact import Sighting, posterior_intensity
+from tests.estimator.sensors import cases
 
 AREA = Area(np.zeros(2), np.full(2, 100.0))
 POSE = np.array([50.0, 50.0, 5.0, 0.3])
@@ -309,6 +313,46 @@ def test_many_measurements_leave_a_bounded_regular_mixture() -> None:
     assert state.components.count <= 50
     assert first_indefinite(state.components.covariances) == -1
     assert np.isfinite(state.components.means).all()
+
+
+@pytest.mark.parametrize("clutter", [0.0, 20_000.0])
+def test_a_flood_of_measurements_leaves_a_bounded_finite_state(clutter: float) -> None:
+    filter, model = GmPhd(GmPhd.Config(components=50)), sensor(clutter=clutter)
+    z = np.random.default_rng(7).uniform([0.0, -np.pi], [70.0, np.pi], (20_000, 2))
+    state = filter.update(given_state(filter, mixture(40)), model, POSE, z, RNG)
+    assert state.components.count <= 50
+    assert np.isfinite(filter.mass(state))
+    assert first_indefinite(state.components.covariances) == -1
+
+
+@pytest.mark.parametrize("name", ["bearing_only-paper", "range_only-exponential", "position-box"])
+def test_targets_are_found_by_bearings_or_ranges_alone(name: str) -> None:
+    model, targets = cases.case(name, 2).sensor, np.array([[6.0, 17.0], [7.0, 16.0]])
+    filter, rng = GmPhd(GmPhd.Config(expected_targets=2.0)), np.random.default_rng(0)
+    state, masses = filter.init(cases.area(2), rng), []
+    for k in range(50):
+        pose = np.array([12 + 9 * np.cos(0.4 * k), 12 + 9 * np.sin(0.4 * k), 0.0, 0.4 * k + np.pi])
+        state = filter.update(state, model, pose, model.sample(targets, pose, rng), rng)
+        places, weights = state.components.positions(2), state.components.weights
+        near = np.linalg.norm(places[:, :, None] - targets[:, None, :], axis=0) < 0.8
+        masses.append(weights @ near)
+    assert np.allclose(np.mean(masses[25:], axis=0), 1.0, atol=0.4)
+
+
+@pytest.mark.parametrize("name", ["bearing_only-smooth", "range_only-exponential"])
+def test_what_the_undetected_part_explains_of_a_bearing_or_a_range_is_the_integral(name: str) -> None:
+    model, area = gaussian(cases.case(name, 2).sensor), cases.area(2)
+    pose = np.array([12.0, 10.0, 0.0, 0.4])
+    z = model.measure(np.array([[15.0], [12.0]]), pose)
+    prior = Undetected.uniform(area, (49, 49), 2.0)
+    births = born(prior, model, pose, z, np.zeros(1), np.zeros(1), Motion(2, MotionConfig()), "ekf")
+    t = np.linspace(0.0, cases.SIDE, 801)
+    points = np.stack([a.ravel() for a in np.meshgrid(t, t, indexing="ij")])
+    look = model.look(points, pose, z)
+    cell = 2.0 / cases.SIDE**2 * (t[1] - t[0]) ** 2
+    exact = cell * (look.detection[look.indices] * look.likelihood).sum()
+    assert births.totals[0] == pytest.approx(exact, rel=0.05)
+    assert births.components.weights.sum() == pytest.approx(births.totals[0])
 
 
 def test_updating_leaves_the_old_state_as_it_was() -> None:
