@@ -43,19 +43,24 @@ def newborn(
     """The new targets of measurements (m, s) taken at pose (4,), from v_n before this look lowers it."""
     m = len(measurements)
     clutter = sensor.clutter_intensity(measurements, pose)
-    totals, owners = np.zeros(m), np.zeros(0, np.int64)
-    components = Components.none(motion.state_size)
+    totals, owners, parts = np.zeros(m), [np.zeros(0, np.int64)], [Components.none(motion.state_size)]
     if undetected.values.any():
         for begin in range(0, m, _AT_ONCE):
             part = slice(begin, begin + _AT_ONCE)
             nothing = np.zeros(len(measurements[part]))
             made = born(undetected, sensor, pose, measurements[part], nothing, clutter[part], motion, rule)
             totals[part] = made.totals
-            owners = np.concatenate([owners, begin + made.measurements])
-            components = components.joined(made.components)
-    order = np.argsort(owners, kind="stable")
-    owners, components = owners[order], components.chosen(order)
+            owners.append(begin + made.measurements)
+            parts.append(made.components)
+    rows = np.concatenate(owners)
+    order = np.argsort(rows, kind="stable")
+    rows = rows[order]
+    components = Components(
+        np.concatenate([c.weights for c in parts])[order] / totals[rows],
+        np.concatenate([c.means for c in parts])[order],
+        np.concatenate([c.covariances for c in parts])[order],
+    )
     rivals = clutter + totals
     existence = np.divide(totals, rivals, out=np.zeros(m), where=rivals > 0.0)
-    offsets = np.append(0, np.cumsum(np.bincount(owners, minlength=m)))
-    return Births(existence, rivals, offsets, components.scaled(1.0 / totals[owners]))
+    offsets = np.append(0, np.cumsum(np.bincount(rows, minlength=m)))
+    return Births(existence, rivals, offsets, components)
