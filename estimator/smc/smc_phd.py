@@ -268,7 +268,7 @@ def _with(state: SmcPhdState, states: FloatArray) -> SmcPhdState:
 
 def _blocks(measurements: FloatArray, particles: int) -> Iterator[FloatArray]:
     """The set in parts of so many measurements that particles times measurements stay in memory."""
-    rows = int(np.clip(_PAIRS // max(particles, 1), 16, 128))
+    rows = min(max(_PAIRS // max(particles, 1), 16), 128)
     for begin in range(0, max(len(measurements), 1), rows):
         yield measurements[begin : begin + rows]
 
