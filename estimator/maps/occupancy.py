@@ -96,7 +96,7 @@ class OccupancyMap:
 
         A way goes from a free cell to one of its four neighbours. From a point in no free cell no way leads.
         """
-        starts = self.to_cells(points)[:, self.is_free(points)].astype(np.int64)
+        starts = np.ascontiguousarray(self.to_cells(points)[:, self.is_free(points)].astype(np.int64))
         cells = self.cells.copy()
         _fill(cells, starts[0], starts[1])
         return replace(self, cells=cells)
