@@ -91,7 +91,7 @@ def test_an_unknown_key_is_named_with_the_nearest_known_one(tmp_path: Path) -> N
     assert found["robots[1].vehicle.speed_km_h"].allowed == "speed_m_s, acceleration_m_s2"
     assert found["robots[1].sensor.gian"].nearest == "gain"
     assert found["sed"].nearest == "seed"
-    assert found["planner.maasi.candidates.point"].nearest == "points"
+    assert found["planner.candidates.point"].nearest == "points"
     assert len(found) == 4  # the missing "points" is not reported a second time
 
 
@@ -127,8 +127,8 @@ def test_an_unknown_key_is_named_with_the_nearest_known_one(tmp_path: Path) -> N
         ("max = [200, 100]", "max = [200, 100, 50]", "area.max", "[200", "2 values"),
         ("[filter]", "[exploration]\npoints = [3, 3, 3]\n[filter]", "exploration.points", "[3", "2 values"),
         ("[filter]", "[exploration]\npoints = [3, 1]\n[filter]", "exploration.points[1]", "1", ">= 2"),
-        ("low = [20, 20]", "low = [20]", "planner.maasi.candidates", "a table", "one number per axis"),
-        ("low = [20, 20]", "low = [20, -1]", "planner.maasi.candidates.low[1]", "-1", "from 0 to 100"),
+        ("low = [20, 20]", "low = [20]", "planner.candidates", "a table", "one number per axis"),
+        ("low = [20, 20]", "low = [20, -1]", "planner.candidates.low[1]", "-1", "from 0 to 100"),
         ("start = [5, 5]", "start = [5, 101]", "robots[0].start[1]", "101", "from 0 to 100"),
         ('id = "r2"', 'id = "r1"', "robots[1].id", '"r1"', "robots[0]"),
         ('id = "r2"', 'id = "fusion"', "robots[1].id", '"fusion"', "not fusion"),
@@ -171,7 +171,7 @@ def test_contradictions_are_reported_beside_the_mistakes_of_plugins_tables(tmp_p
         ("low = [20, 20]", 'low = "here"'),
         ("gain = 0.9", "gain = 7"),
     )
-    assert set(found) == {"robots[0].start[0]", "planner.maasi.candidates.low", "robots[1].sensor.gain"}
+    assert set(found) == {"robots[0].start[0]", "planner.candidates.low", "robots[1].sensor.gain"}
 
 
 def test_contradictions_are_reported_together(tmp_path: Path) -> None:
@@ -185,7 +185,7 @@ def test_contradictions_are_reported_together(tmp_path: Path) -> None:
         "robots[0].start[0]",
         "robots[0].start[1]",
         "robots[1].id",
-        "planner.maasi.candidates.low[0]",
+        "planner.candidates.low[0]",
     }
 
 
