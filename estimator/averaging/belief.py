@@ -131,13 +131,14 @@ def _undetected(taken: Sequence[tuple[Belief, float]], attention: Attention) -> 
         for belief, share in taken
     ]
     values = sum((w * b.undetected.values for w, (b, _) in zip(weights, taken, strict=True)), np.zeros(()))
+    directions = [b.undetected.parts for b, _ in taken if b.undetected.parts is not None]
     parts = None
-    if all(belief.undetected.parts is not None for belief, _ in taken):
-        parts = sum((w * b.undetected.parts for w, (b, _) in zip(weights, taken, strict=True)), np.zeros(()))
+    if len(directions) == len(taken):
+        parts = np.asarray(sum((w * p for w, p in zip(weights, directions, strict=True)), np.zeros(())))
     return replace(
         first,
         values=np.asarray(values),
-        parts=None if parts is None else np.asarray(parts),
+        parts=parts,
         travelled=first.travelled if parts is not None else (),
     )
 
@@ -177,7 +178,7 @@ def _without_twins(weights: FloatArray, points: FloatArray) -> tuple[FloatArray,
     order = np.lexsort(points.T[::-1])
     firsts = _first_of_equals(points, order)
     keep = np.flatnonzero(firsts == np.arange(weights.size))
-    return np.bincount(firsts, weights, weights.size)[keep], points[keep]
+    return np.asarray(np.bincount(firsts, weights, weights.size)[keep], np.float64), points[keep]
 
 
 @kernel
