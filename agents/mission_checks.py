@@ -108,7 +108,7 @@ def _candidates(mission: Mission) -> list[Problem]:
         for i, (x, a, b) in enumerate(zip(corner, area.min, area.max, strict=False)):
             if isinstance(x, int | float) and a < b and not a <= x <= b:
                 allowed = f"a number from {a:g} to {b:g}, inside the area"
-                problems.append(Problem(f"planner.maasi.candidates.{key}[{i}]", show(x), allowed))
+                problems.append(Problem(f"planner.candidates.{key}[{i}]", show(x), allowed))
     return problems
 
 
