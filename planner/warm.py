@@ -7,6 +7,7 @@ import numpy as np
 from estimator.exploration import Exploration
 from estimator.filter import Area
 from estimator.sensors.range_bearing import RangeBearing
+from planner.allocation.warm import warm_allocation
 from planner.maasi.candidates import CandidateGrid
 from planner.maasi.maasi import Maasi
 from planner.maasi.maasi_joint import MaasiJoint
@@ -21,6 +22,7 @@ def warmups() -> list[tuple[str, Callable[[], None]]]:
         ("quadrotor", lambda: _move(Quadrotor(Quadrotor.Config()))),
         ("unicycle", lambda: _move(Unicycle(Unicycle.Config()))),
         ("(MA)ASI planner", _plan),
+        ("CBBA", warm_allocation),
     ]
 
 

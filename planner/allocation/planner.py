@@ -1,0 +1,239 @@
+"""Planner `cbba`: the team shares its tasks by CBBA, and each robot plans its way to the first of its own.
+
+Sources: Choi, Brunet, How (2009) and Ponda et al. (2012) for the allocation; the way within a task is chosen
+as by (MA)ASI (17), (27) among places in the task, given what the others have committed to.
+
+Each robot works out the whole team's allocation by itself from what it knows of the others (see `team`). It
+remembers its tasks, and who was at which, from one plan to the next, so that names last and robots stay at
+their tasks.
+"""
+
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import msgspec
+import numpy as np
+
+from estimator.arrays import Count, FloatArray, NonNegative, Positive
+from planner.allocation.partition import equal_shares
+from planner.allocation.tasks import Request, Task, TaskBoard, TaskRules
+from planner.allocation.team import Member, Worth, assign, cruise, sweep_width
+from planner.commitments import usable
+from planner.maasi.maasi import MaasiConfig, chosen, crowded, scored, unplannable
+from planner.maasi.outlook import outlook
+from planner.plan import Intensity, Plan, PlannerSetup, PlanProblem
+from planner.vehicles.route import routed
+
+
+class CbbaConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How a team shares its tasks."""
+
+    bundle: Count = 5  # tasks that a robot takes on, at most
+    regions_per_robot: Count = 2  # to explore, at most
+    spacing_m: NonNegative = 10.0  # clusters nearer to each other than this are one task
+    refine: NonNegative = 1.0  # worth of what is learnt of one target
+    enough_m: Positive = 0.5  # standard deviation per axis at which a target is known well enough
+    explore: NonNegative = 5.0  # worth of exploring the whole area, in targets
+    discount_s: Positive = 60.0  # a reward that much later is worth 1/e
+    fuel: NonNegative = 0.0  # cost of a second on the way, in targets
+    loyalty: NonNegative = 0.2  # how much more a task is worth to the robot that is at it
+    places: Count = 12  # in a task, among which a robot chooses where to go
+    alpha: NonNegative = 0.5  # on the way: weight of target refinement
+    beta: NonNegative = 0.5  # on the way: weight of exploration
+    control_cost: NonNegative = 1.0  # on the way: weight of the control effort
+
+
+@dataclass(slots=True)
+class _Memory:
+    """Of one robot's last plan."""
+
+    board: TaskBoard = field(default_factory=TaskBoard)
+    at: dict[str, str] = field(default_factory=dict)  # the first task of each robot
+
+
+class Cbba:
+    """Planner: CBBA over the tasks of the moment, then a way to the first of one's own."""
+
+    Config: ClassVar[type[CbbaConfig]] = CbbaConfig
+
+    def __init__(self, config: CbbaConfig, setup: PlannerSetup) -> None:
+        self.config = config
+        self.setup = setup
+        self._rules = TaskRules(
+            regions=config.regions_per_robot * max(len(setup.vehicles), 1), spacing=config.spacing_m
+        )
+        self._worth = Worth(
+            refine=config.refine,
+            explore=config.explore,
+            discount_s=config.discount_s,
+            fuel=config.fuel,
+            enough=config.enough_m,
+            loyalty=config.loyalty,
+        )
+        self._way = MaasiConfig(alpha=config.alpha, beta=config.beta, control_cost=config.control_cost)
+        self._memories: dict[str, _Memory] = {}
+        self._abilities: dict[str, tuple[float, float]] = {}
+
+    def __repr__(self) -> str:
+        return f"Cbba({self.config!r})"
+
+    def plan(self, problem: PlanProblem) -> Plan:
+        """The way into the first task of this robot's path; a hold with the reason where there is none."""
+        awkward = unplannable(problem, self.setup)
+        if awkward:
+            return Plan(None, awkward)
+        memory = self._memories.setdefault(problem.robot, _Memory())
+        intensity = problem.intensity or _bare(problem.clusters)
+        requests = tuple(r for r in problem.context.get("requests", ()) if isinstance(r, Request))
+        memory.board = memory.board.renewed(self._rules, problem.exploration, intensity, requests)
+        tasks = memory.board.tasks
+        if not tasks:
+            return Plan(None, "holds: there are no tasks, all is explored and no target is waiting")
+        members = self._members(problem)
+        paths = assign(members, tasks, self.config.bundle, self._worth, memory.at, problem.area)
+        memory.at = {robot: path[0] for robot, path in paths.items() if path}
+        by_name = {task.name: task for task in tasks}
+        own = [by_name[name] for name in paths[problem.robot]]
+        spare = "" if own else "all tasks are others', it helps with "
+        reason = "holds: no place in a task can be reached within the budget"
+        for task in own or self._nearest(problem, tasks):
+            plan = self._towards(problem, task)
+            if plan.trajectory is not None:
+                return Plan(plan.trajectory, f"{spare}{task.name}: {plan.reason}", plan.objective, plan.terms)
+            reason = plan.reason
+        return Plan(None, reason)
+
+    def _members(self, problem: PlanProblem) -> list[Member]:
+        """This robot now, the others at the end of their committed ways, in the order of their names."""
+        d = problem.area.dimension
+        pose = self.setup.vehicles[problem.robot].pose(problem.state)
+        free = {problem.robot: (pose, 0.0, problem.measure_period, problem.budget.time)}
+        for other in problem.others:
+            known = other.robot in self.setup.vehicles and other.robot in self.setup.sensors
+            if not known or not usable(other) or other.robot in free or not other.times.size:
+                continue
+            wait = max(0.0, float(other.times[-1]) - problem.start_time)
+            free[other.robot] = (other.poses[-1], wait, other.measure_period, np.inf)
+        made = []
+        for robot, (end, wait, period, seconds) in sorted(free.items()):
+            speed, width = self._ability(problem, robot, float(end[2]))
+            made.append(
+                Member(
+                    robot,
+                    np.asarray(end[:d]),
+                    wait,
+                    speed,
+                    width,
+                    self.setup.sensors[robot],
+                    period if 0 < period < np.inf else 1.0,
+                    float(end[2]),
+                    seconds,
+                )
+            )
+        return made
+
+    def _ability(self, problem: PlanProblem, robot: str, altitude: float) -> tuple[float, float]:
+        if robot not in self._abilities:
+            self._abilities[robot] = (
+                cruise(self.setup.vehicles[robot], problem.area),
+                sweep_width(self.setup.sensors[robot], problem.area, altitude),
+            )
+        return self._abilities[robot]
+
+    def _nearest(self, problem: PlanProblem, tasks: tuple[Task, ...]) -> list[Task]:
+        here = self.setup.vehicles[problem.robot].pose(problem.state)[: problem.area.dimension]
+        return sorted(tasks, key=lambda task: float(np.linalg.norm(task.place - here)))[:3]
+
+    def _towards(self, problem: PlanProblem, task: Task) -> Plan:
+        """The best way into one task."""
+        vehicle = self.setup.vehicles[problem.robot]
+        here = vehicle.pose(problem.state)[:3]
+        waypoints = self._waypoints(problem, task, float(here[2]))
+        ground, d = self.setup.ground, problem.area.dimension
+        if ground is not None and len(waypoints):
+            waypoints = waypoints[ground.clear(waypoints[:, :d].T)]
+            starts = np.repeat(here[:d, None], len(waypoints), axis=1)
+            straight = ground.segments_clear(starts, np.ascontiguousarray(waypoints[:, :d].T))
+            if not straight.any():
+                return self._around(problem, waypoints, here)
+            waypoints = waypoints[straight]
+        waypoints = waypoints[_affordable(problem, here, waypoints)]
+        if not len(waypoints):
+            return Plan(None, "holds: no place in its tasks can be reached within the budget")
+        view = outlook(problem, self.setup, waypoints, problem.others)
+        objective = scored(view, view.exploration, self._way)
+        seconds = view.steps * vehicle.control_period
+        allowed = np.isfinite(objective) & (seconds <= self._time_left(problem, view.predictions.waypoints))
+        if not allowed.any():
+            return Plan(None, "holds: it is at its task already, or its budget is spent")
+        if not (allowed & view.clear).any():
+            return Plan(None, crowded(problem.separation))
+        best = int(np.argmax(np.where(allowed & view.clear, objective, -np.inf)))
+        return chosen(problem, self.setup, view, best, view.exploration[best], float(objective[best]))
+
+    def _around(self, problem: PlanProblem, waypoints: FloatArray, here: FloatArray) -> Plan:
+        """To the first place of a task that there is a way to, around what stands between."""
+        ground, d = self.setup.ground, problem.area.dimension
+        for waypoint in waypoints if ground is not None else ():
+            corners = ground.path(here[:d], waypoint[:d]) if ground is not None else None
+            if corners is None or corners.shape[1] < 2:
+                continue
+            route = np.tile(waypoint, (corners.shape[1] - 1, 1))
+            route[:, :d] = corners[:, 1:].T
+            length = float(np.linalg.norm(np.diff(np.vstack([here, route]), axis=0), axis=1).sum())
+            if length + _homeward(problem, waypoint[None])[0] > problem.budget.distance:
+                continue
+            vehicle = self.setup.vehicles[problem.robot]
+            way = routed(vehicle, problem.state, route, problem.start_time, problem.measure_period, near=1.0)
+            if way.end_time - problem.start_time <= self._time_left(problem, waypoint[None])[0]:
+                return Plan(way, f"around obstacles, {length:.0f} m")
+        return Plan(None, "holds: there is no way to its tasks")
+
+    def _time_left(self, problem: PlanProblem, waypoints: FloatArray) -> FloatArray:
+        """Seconds (w,) that the way to each waypoint may take."""
+        speed = self._abilities[problem.robot][0]
+        return problem.budget.time - _homeward(problem, waypoints) / speed
+
+    def _waypoints(self, problem: PlanProblem, task: Task, altitude: float) -> FloatArray:
+        """Places (w, 3) in a task to choose from, the middle among them."""
+        points = [task.place[:, None]]
+        if task.kind == "explore":
+            labels, _ = equal_shares(task.points, task.weights, self.config.places)
+            for label in range(int(labels.max(initial=-1)) + 1):
+                rows = labels == label
+                points.append(np.average(task.points[:, rows], axis=1, weights=task.weights[rows])[:, None])
+        elif task.kind == "refine":
+            points.append(task.points[:, : self.config.places])
+            around = 0.5 * (task.radius + self._abilities[problem.robot][1])
+            angles = 2 * np.pi * np.arange(8) / 8
+            ring = np.repeat(task.place[:, None], 8, axis=1)
+            ring[0] += around * np.cos(angles)
+            ring[1] += around * np.sin(angles)
+            points.append(ring)
+        made = np.hstack(points)
+        inside = ((made >= problem.area.low[:, None]) & (made <= problem.area.high[:, None])).all(axis=0)
+        made = made[:, inside & np.isfinite(made).all(axis=0)]
+        waypoints = np.full((made.shape[1], 3), altitude)
+        waypoints[:, : len(made)] = made.T
+        return waypoints
+
+
+def _bare(clusters: FloatArray) -> Intensity:
+    """Clusters of which only the middles are known: one target each, to be found within metres."""
+    d, c = clusters.shape
+    ones = np.ones(c)
+    return Intensity(clusters, ones, clusters, np.tile(9.0 * np.eye(d), (c, 1, 1)), ones)
+
+
+def _homeward(problem: PlanProblem, waypoints: FloatArray) -> FloatArray:
+    """Metres (w,) from each waypoint home; 0 where there is no home to return to."""
+    home = problem.budget.home
+    if home is None:
+        return np.zeros(len(waypoints))
+    return np.asarray(np.linalg.norm(waypoints - home, axis=1))
+
+
+def _affordable(problem: PlanProblem, here: FloatArray, waypoints: FloatArray) -> FloatArray:
+    """(w,) whether the way to each waypoint and home from there is within the budget's metres."""
+    metres = np.linalg.norm(waypoints - here, axis=1) + _homeward(problem, waypoints)
+    return np.asarray(metres <= problem.budget.distance)
