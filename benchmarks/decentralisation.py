@@ -1,7 +1,7 @@
 """`python -m benchmarks.decentralisation`: what planning each for itself costs against one centre.
 
-The same mission and seeds in virtual time, once with each planner: `maasi` (every robot for itself, given what
-the others have committed to) and `maasi_joint` (one centre for all that plan at once) by default.
+The same mission and seeds in virtual time, once with each planner: `maasi` (every robot for itself, given
+what the others have committed to) and `maasi_joint` (one centre for all that plan at once) by default.
 """
 
 import os

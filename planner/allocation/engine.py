@@ -330,10 +330,12 @@ def _exchange(
             for m in range(count):
                 z_i, z_k = z_own[m], z_their[m]
                 y_i, y_k = y_own[m], y_their[m]
-                if (z_i == z_k and y_i == y_k) or (z_k == NOBODY and z_i == i):
-                    continue  # nothing to learn
                 at_i, at_k = max(z_i, 0), max(z_k, 0)
-                s_ii, s_ki, s_ik, s_kk = s_own[at_i], s_their[at_i], s_own[at_k], s_their[at_k]
+                s_ii, s_ki = s_own[at_i], s_their[at_i]
+                void = (z_i < 0) | (z_i == i) | ((z_i != k) & (s_ki <= s_ii))
+                if ((z_i == z_k) & (y_i == y_k)) | ((z_k < 0) & void):
+                    continue  # most words say nothing new; one test that is nearly always true costs little
+                s_ik, s_kk = s_own[at_k], s_their[at_k]
                 action = verdict(i, k, z_i, y_i, z_k, y_k, s_ii, s_ki, s_ik, s_kk)
                 if action == LEAVE:
                     continue

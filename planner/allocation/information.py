@@ -21,6 +21,7 @@ from estimator.sensor import SensorModel, gaussian
 from planner.allocation.tasks import Task
 
 ENTRANCES = 8  # directions from which a cluster is entered
+LEAST_SPREAD = 1e-3  # metres
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +73,11 @@ def learnt(sensor: SensorModel, tasks: list[Task], rules: InformationRules, alti
     )
     for i, task in enumerate(tasks):
         m = task.weights.size
-        means[i, :m], covariances[i, :m], masses[i, :m] = task.points.T, task.covariances, task.weights
+        means[i, :m], covariances[i, :m], masses[i, :m] = (
+            task.points.T,
+            _whole(task.covariances),
+            task.weights,
+        )
     radii = np.array([task.radius for task in tasks]) + rules.margin
     middles = np.array([task.place for task in tasks])
     entrances = middles[:, None] + radii[:, None, None] * directions
@@ -118,7 +123,7 @@ def _greedy(
         options = places[:, None] + moves  # (p, k, d)
         gained = _fisher(sensor, options, means, middles, altitude)  # (p, k, m, d, d)
         after = information[:, None] + gained
-        traces = np.trace(np.linalg.inv(after), axis1=3, axis2=4)  # (p, k, m)
+        traces = _inverse_trace(after)  # (p, k, m)
         cost = (shares[:, None] * traces).sum(axis=2)
         best = np.argmin(cost, axis=1)
         rows = np.arange(p)
@@ -130,9 +135,25 @@ def _greedy(
         going = going & (left > enough)
         if not going.any():
             break
-    traces = np.trace(np.linalg.inv(information), axis1=2, axis2=3)
+    traces = _inverse_trace(information)
     score = (masses * (before - traces) / (before + enough)).sum(axis=1)
     return score - rules.fuel * seconds, seconds
+
+
+def _inverse_trace(information: FloatArray) -> FloatArray:
+    """The trace of each inverse (..., d, d), bounded where one direction is known next to perfectly."""
+    d = information.shape[-1]
+    scale = np.trace(information, axis1=-2, axis2=-1)[..., None, None]
+    made: FloatArray = np.trace(np.linalg.inv(information + 1e-9 * scale * np.eye(d)), axis1=-2, axis2=-1)
+    return made
+
+
+def _whole(covariances: FloatArray) -> FloatArray:
+    """The covariances (m, d, d), of which no direction is known better than to LEAST_SPREAD."""
+    values, vectors = np.linalg.eigh(0.5 * (covariances + covariances.transpose(0, 2, 1)))
+    values = np.maximum(values, LEAST_SPREAD**2)
+    made: FloatArray = np.einsum("mij,mj,mkj->mik", vectors, values, vectors)
+    return made
 
 
 def _moves(d: int) -> FloatArray:

@@ -82,6 +82,8 @@ class Cbba:
         awkward = unplannable(problem, self.setup)
         if awkward:
             return Plan(None, awkward)
+        if np.isnan([problem.budget.distance, problem.budget.time]).any():
+            return Plan(None, "holds: its budget is not a number")
         memory = self._memories.setdefault(problem.robot, _Memory())
         intensity = problem.intensity or _bare(problem.clusters)
         requests = tuple(r for r in problem.context.get("requests", ()) if isinstance(r, Request))
@@ -90,7 +92,8 @@ class Cbba:
         if not tasks:
             return Plan(None, "holds: there are no tasks, all is explored and no target is waiting")
         members = self._members(problem)
-        paths = assign(members, tasks, self.config.bundle, self._worth, memory.at, problem.area)
+        feasible = tuple(task for task in tasks if task.robots <= len(members))
+        paths = assign(members, feasible, self.config.bundle, self._worth, memory.at, problem.area)
         memory.at = {robot: path[0] for robot, path in paths.items() if path}
         by_name = {task.name: task for task in tasks}
         own = [by_name[name] for name in paths[problem.robot]]

@@ -74,7 +74,8 @@ class TaskBoard:
     ) -> "TaskBoard":
         """The tasks of a new posterior.
 
-        Clusters and requests with a number that is not finite are left out.
+        Left out are clusters and requests with a number that is not finite, requests of a name that another has
+        or that could be a slot's, and those that need less than one robot.
         """
         old_regions = [task for task in self.tasks if task.kind == "explore"]
         old_clusters = [task for task in self.tasks if task.kind == "refine"]
@@ -136,8 +137,10 @@ def _clusters(rules: TaskRules, intensity: Intensity) -> list[Task]:
 
 
 def _requested(requests: tuple[Request, ...], dimension: int) -> list[Task]:
-    made = []
+    made: list[Task] = []
     for request in requests:
+        if "#" in request.name or request.name in {task.name for task in made}:
+            continue
         place = np.asarray(request.place, dtype=np.float64)
         if (
             place.shape != (dimension,)

@@ -88,3 +88,16 @@ def test_no_task_and_a_sensor_without_a_jacobian_have_an_answer():
     made = learnt(NumpySensor(2), [task], RULES, 0.0)
     assert (made.score == 2.0).all()
     assert (made.seconds == 0.0).all()
+
+
+@pytest.mark.parametrize(
+    "covariance", [np.zeros((2, 2)), np.diag([25.0, 0.0]), np.diag([1e9, 1e-12]), -np.eye(2)]
+)
+@pytest.mark.parametrize("step", [5.0, 0.0])
+def test_degenerate_covariances_and_looks_from_the_target_itself_give_finite_scores(covariance, step):
+    """The bearing of a target that one stands on says where it is to within nothing."""
+    task = cluster([(50, 50)], [covariance], [1.0])
+    rules = InformationRules(step=step, period=1.0, margin=step, looks=4)
+    made = learnt(sensor(), [task], rules, 0.0)
+    assert np.isfinite(made.score).all()
+    assert (made.score <= 1.0).all()

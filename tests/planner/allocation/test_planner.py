@@ -168,6 +168,20 @@ def test_two_hundred_robots_plan():
     assert plan.trajectory is not None
 
 
+def test_requests_that_no_team_can_meet_and_budgets_that_are_no_numbers_are_held_for():
+    setup = team(2, "a")
+    given = fresh(problem(setup, 1, "a", clusters=0, start=PLACES["a"]))
+    wishes = (
+        Request("crowd", np.array([5.0, 5.0]), 99.0, robots=10**9),
+        Request("crowd", np.array([9.0, 9.0])),
+    )
+    plan = planner(setup).plan(dataclasses.replace(given, context={"requests": wishes}))
+    assert plan.trajectory is not None
+    assert task_of(plan).startswith("explore")
+    spent = planner(setup).plan(dataclasses.replace(given, budget=Budget(time=np.nan)))
+    assert "budget" in spent.reason
+
+
 class Wall:
     """A wall across the middle with a gap at the top."""
 

@@ -145,6 +145,7 @@ def test_what_is_explored_is_no_task_and_what_is_not_finite_is_left_out():
         Request("a", np.array([np.inf, 0.0])),
         Request("b", np.zeros(3)),
         Request("c", np.zeros(2), robots=0),
+        Request("d#1", np.zeros(2)),
     )
     board = TaskBoard().renewed(RULES, dataclasses.replace(explored, values=damaged), bad, requests)
     assert [task.name for task in board.tasks] == ["refine-0"]
