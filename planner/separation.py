@@ -7,7 +7,31 @@ import numpy as np
 
 from estimator.arrays import FloatArray, IntArray
 from estimator.kernels import kernel
-from planner.plan import Commitment
+from planner.commitments import position_at, usable
+from planner.plan import Commitment, PlanProblem, Trajectory, VehicleModel
+
+SAME_PLACE = 1e-6  # m
+
+
+def keeps_apart(problem: PlanProblem, vehicle: VehicleModel, way: Trajectory) -> bool:
+    """Whether a trajectory keeps the problem's separation from what the other robots have committed to.
+
+    Robots that are too close already need only come no closer, or they would hold each other for ever.
+    """
+    if problem.separation <= 0:
+        return True
+    offsets = np.array([0, way.times.size])
+    end_times, ends = np.array([way.end_time - problem.start_time]), way.poses[-1:, :3].copy()
+    here = vehicle.pose(problem.state)[:3]
+    for other in problem.others:
+        if other.robot == problem.robot or not usable(other):
+            continue
+        times = way.times - problem.start_time
+        kept = clearances(problem.start_time, offsets, times, way.poses, end_times, ends, other)[0]
+        now = float(np.linalg.norm(here - position_at(other, problem.start_time)))
+        if kept < min(problem.separation, now) - SAME_PLACE:
+            return False
+    return True
 
 
 def clearances(

@@ -13,6 +13,7 @@ MAY_IMPORT = {
     "bridges": {"estimator", "planner", "agents"},
     "sim": {"estimator", "planner", "agents", "bridges"},
 }
+READS_A_CLOCK = ROOT / "planner" / "deadline.py"  # the one file of the pure rooms that may
 FILES = [path for room in MAY_IMPORT for path in sorted((ROOT / room).rglob("*.py"))]
 
 
@@ -45,4 +46,5 @@ def test_only_bridges_know_the_outside_world(path: Path) -> None:
     ids=lambda p: str(p.relative_to(ROOT)),
 )
 def test_pure_rooms_read_no_clock_and_print_nothing(path: Path) -> None:
-    assert not imported(path) & {"time", "logging", "asyncio", "socket", "threading", "random"}
+    impure = {"time", "logging", "asyncio", "socket", "threading", "random"}
+    assert imported(path) & impure == ({"time"} if path == READS_A_CLOCK else set())

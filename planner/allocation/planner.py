@@ -18,11 +18,17 @@ from estimator.arrays import Count, FloatArray, NonNegative, Positive
 from planner.allocation.partition import equal_shares
 from planner.allocation.tasks import Request, Task, TaskBoard, TaskRules
 from planner.allocation.team import Member, Worth, assign, cruise, sweep_width
+from planner.budget import affordable
 from planner.commitments import usable
+from planner.deadline import Deadline
 from planner.maasi.maasi import MaasiConfig, chosen, crowded, scored, unplannable
 from planner.maasi.outlook import outlook
 from planner.plan import Intensity, Plan, PlannerSetup, PlanProblem
 from planner.vehicles.route import routed
+
+
+LATE = "holds: its time to plan is over"
+BATCH = 4  # places that are looked at between two looks at the clock
 
 
 class CbbaConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -49,6 +55,7 @@ class _Memory:
 
     board: TaskBoard = field(default_factory=TaskBoard)
     at: dict[str, str] = field(default_factory=dict)  # the first task of each robot
+    time: float = -np.inf  # team time
 
 
 class Cbba:
@@ -84,7 +91,8 @@ class Cbba:
             return Plan(None, awkward)
         if np.isnan([problem.budget.distance, problem.budget.time]).any():
             return Plan(None, "holds: its budget is not a number")
-        memory = self._memories.setdefault(problem.robot, _Memory())
+        deadline = Deadline(problem.deadline_s)
+        memory = self._memory(problem)
         intensity = problem.intensity or _bare(problem.clusters)
         requests = tuple(r for r in problem.context.get("requests", ()) if isinstance(r, Request))
         memory.board = memory.board.renewed(self._rules, problem.exploration, intensity, requests)
@@ -92,6 +100,8 @@ class Cbba:
         if not tasks:
             return Plan(None, "holds: there are no tasks, all is explored and no target is waiting")
         members = self._members(problem)
+        if deadline.over():
+            return Plan(None, LATE)
         feasible = tuple(task for task in tasks if task.robots <= len(members))
         paths = assign(members, feasible, self.config.bundle, self._worth, memory.at, problem.area)
         memory.at = {robot: path[0] for robot, path in paths.items() if path}
@@ -100,11 +110,23 @@ class Cbba:
         spare = "" if own else "all tasks are others', it helps with "
         reason = "holds: no place in a task can be reached within the budget"
         for task in own or self._nearest(problem, tasks):
-            plan = self._towards(problem, task)
+            if deadline.over():
+                return Plan(None, LATE)
+            plan = self._towards(problem, task, deadline)
             if plan.trajectory is not None:
                 return Plan(plan.trajectory, f"{spare}{task.name}: {plan.reason}", plan.objective, plan.terms)
             reason = plan.reason
         return Plan(None, reason)
+
+    def _memory(self, problem: PlanProblem) -> _Memory:
+        """What this robot remembers; nothing of a time that has not come yet, nor of a rehearsal."""
+        known = self._memories.get(problem.robot)
+        if known is None or known.time > problem.start_time or problem.context.get("rehearsal"):
+            known = _Memory()
+        known.time = problem.start_time
+        if not problem.context.get("rehearsal"):
+            self._memories[problem.robot] = known
+        return known
 
     def _members(self, problem: PlanProblem) -> list[Member]:
         """This robot now, the others at the end of their committed ways, in the order of their names."""
@@ -147,7 +169,7 @@ class Cbba:
         here = self.setup.vehicles[problem.robot].pose(problem.state)[: problem.area.dimension]
         return sorted(tasks, key=lambda task: float(np.linalg.norm(task.place - here)))[:3]
 
-    def _towards(self, problem: PlanProblem, task: Task) -> Plan:
+    def _towards(self, problem: PlanProblem, task: Task, deadline: Deadline) -> Plan:
         """The best way into one task."""
         vehicle = self.setup.vehicles[problem.robot]
         here = vehicle.pose(problem.state)[:3]
@@ -163,16 +185,22 @@ class Cbba:
         waypoints = waypoints[_affordable(problem, here, waypoints)]
         if not len(waypoints):
             return Plan(None, "holds: no place in its tasks can be reached within the budget")
-        view = outlook(problem, self.setup, waypoints, problem.others)
-        objective = scored(view, view.exploration, self._way)
-        seconds = view.steps * vehicle.control_period
-        allowed = np.isfinite(objective) & (seconds <= self._time_left(problem, view.predictions.waypoints))
-        if not allowed.any():
-            return Plan(None, "holds: it is at its task already, or its budget is spent")
-        if not (allowed & view.clear).any():
-            return Plan(None, crowded(problem.separation))
-        best = int(np.argmax(np.where(allowed & view.clear, objective, -np.inf)))
-        return chosen(problem, self.setup, view, best, view.exploration[best], float(objective[best]))
+        best, reason = Plan(None, "", -np.inf), "holds: it is at its task already, or its budget is spent"
+        batch = len(waypoints) if np.isinf(problem.deadline_s) else BATCH
+        for first in range(0, len(waypoints), batch):
+            if first and deadline.over():
+                break
+            view = outlook(problem, self.setup, waypoints[first : first + batch], problem.others)
+            objective = scored(view, view.exploration, self._way)
+            seconds = view.steps * vehicle.control_period
+            allowed = np.isfinite(objective) & (seconds <= self._time_left(problem, view.predictions.waypoints))
+            if allowed.any() and not (allowed & view.clear).any():
+                reason = crowded(problem.separation)
+            objective = np.where(allowed & view.clear, objective, -np.inf)
+            w = int(np.argmax(objective))
+            if objective[w] > best.objective:
+                best = chosen(problem, self.setup, view, w, view.exploration[w], float(objective[w]))
+        return best if best.trajectory is not None else Plan(None, reason)
 
     def _around(self, problem: PlanProblem, waypoints: FloatArray, here: FloatArray) -> Plan:
         """To the first place of a task that there is a way to, around what stands between."""

@@ -1,5 +1,6 @@
 """How the ways of robots that plan together act on each other, pair by pair: exploration (32), separation."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -7,9 +8,9 @@ import numpy as np
 from estimator.arrays import BoolArray, FloatArray, IntArray
 from estimator.kernels import kernel
 from planner.maasi.coverage import explore
-from planner.maasi.outlook import SAME_PLACE, Outlook, candidate_looks
+from planner.maasi.outlook import Outlook, candidate_looks
 from planner.plan import Commitment, PlannerSetup, PlanProblem
-from planner.separation import clearances
+from planner.separation import SAME_PLACE, clearances
 
 NOT_YET = -1  # in a joint index: this robot has not chosen
 
@@ -42,8 +43,13 @@ class Coupling:
         return keep
 
 
-def couple(problems: list[PlanProblem], setup: PlannerSetup, views: list[Outlook]) -> Coupling:
-    """All pairwise factors of the robots' outlooks, in the order of their problems."""
+def couple(
+    problems: list[PlanProblem],
+    setup: PlannerSetup,
+    views: list[Outlook],
+    over: Callable[[], bool] = bool,
+) -> Coupling | None:
+    """All pairwise factors of the robots' outlooks, in the order of their problems; None if time was up."""
     robots, most = len(views), max(view.steps.size for view in views)
     ways = [_ways(problem, setup, view) for problem, view in zip(problems, views, strict=True)]
     left = tuple(np.ones((robots, most, view.shares.size)) for view in views)
@@ -56,6 +62,8 @@ def couple(problems: list[PlanProblem], setup: PlannerSetup, views: list[Outlook
                 continue
             sensor = setup.sensors[problems[b].robot]
             for w, way in enumerate(ways[b]):
+                if over():
+                    return None
                 moving = candidate_looks(views[b].predictions, views[b].start_time, w)
                 looks = replace(
                     moving, stand_time=way.times[-1], stand_pose=way.poses[-1], period=way.measure_period

@@ -6,16 +6,25 @@ all robots that need a plan at the same instant (see `maasi_joint`); here each p
 others are "continuing agents" whose trajectories it knows.
 """
 
+import math
+from collections.abc import Callable
 from typing import ClassVar
 
 import msgspec
 import numpy as np
 
 from estimator.arrays import FloatArray, NonNegative
+from planner.budget import affordable, limited, returning, way_to
+from planner.deadline import Deadline
+from planner.maasi.anytime import batches
 from planner.maasi.candidates import CandidateGrid
 from planner.maasi.outlook import Outlook, outlook
 from planner.plan import Plan, PlannerSetup, PlanProblem
 
+RESERVE_S = 1.5e-3  # kept from the deadline for what follows the choice
+AROUND_S = 0.02  # what one way around obstacles may take
+LATE = "holds: its deadline was over before a candidate was looked at"
+NO_BUDGET = "holds: its budget allows no candidate"
 DEFAULT_POINTS = {2: 4, 3: 3}  # candidates per axis where the mission names none
 
 
@@ -32,6 +41,7 @@ class Maasi:
     """Planner: the candidate waypoint with the highest (-C + alpha T + beta E) / K."""
 
     Config: ClassVar[type[MaasiConfig]] = MaasiConfig
+    deadline: Callable[[float], Deadline] = Deadline  # tests give it another clock
 
     def __init__(self, config: MaasiConfig, setup: PlannerSetup) -> None:
         self.config = config
@@ -44,21 +54,41 @@ class Maasi:
         return f"Maasi({self.config!r})"
 
     def plan(self, problem: PlanProblem) -> Plan:
-        """The best candidate's trajectory; a hold with the reason where there is none."""
+        """The best candidate's trajectory; a hold with the reason where there is none.
+
+        With a deadline the best of the candidates that there was time for.
+        """
         awkward = unplannable(problem, self.setup)
         if awkward:
             return Plan(None, awkward)
+        deadline = self.deadline(problem.deadline_s - RESERVE_S)
         vehicle = self.setup.vehicles[problem.robot]
         waypoints = self.candidates.waypoints(float(vehicle.pose(problem.state)[2]))
-        view = outlook(problem, self.setup, waypoints, problem.others)
-        objective = scored(view, view.exploration, self.config)
-        possible = np.isfinite(objective)
-        if not possible.any():
-            return Plan(None, nowhere(view))
-        if not (possible & view.clear).any():
-            return Plan(None, crowded(problem.separation))
-        best = int(np.argmax(np.where(possible & view.clear, objective, -np.inf)))
-        return chosen(problem, self.setup, view, best, view.exploration[best], float(objective[best]))
+        objective = np.full(len(waypoints), -np.inf)
+        seen: dict[int, tuple[Outlook, int]] = {}
+        reason = LATE
+        guess = 0.0 if self.setup.ground is None else AROUND_S
+        for batch in batches(len(waypoints), deadline, guess):
+            view = outlook(problem, self.setup, waypoints[batch], problem.others, over=deadline.over)
+            value = scored(view, view.exploration, self.config)
+            objective[batch] = np.where(view.clear, value, -np.inf)
+            seen.update((int(i), (view, row)) for row, i in enumerate(batch))
+            possible = bool(np.isfinite(value).any())
+            reason = crowded(problem.separation) if possible else nowhere(view, self.setup.ground is None)
+        best_first = np.argsort(-objective, kind="stable")[: int(np.isfinite(objective).sum())]
+        for best in best_first:
+            view, row = seen[int(best)]
+            plan = chosen(
+                problem, self.setup, view, row, view.exploration[row], float(objective[best]), int(best)
+            )
+            if plan.trajectory is not None and affordable(problem, self.setup, plan.trajectory):
+                return plan
+            reason = NO_BUDGET
+            if deadline.over():
+                break
+        if not limited(problem):
+            return Plan(None, reason)
+        return returning(problem, self.setup, reason.removeprefix("holds: "))
 
 
 def scored(view: Outlook, exploration: FloatArray, config: MaasiConfig) -> FloatArray:
@@ -76,14 +106,23 @@ def unplannable(problem: PlanProblem, setup: PlannerSetup) -> str:
         return "holds: its state or the start time is not finite"
     if not (np.isfinite(problem.measure_period) and problem.measure_period > 0):
         return f"holds: its measurement period is {problem.measure_period:g} s, not a positive number"
+    if math.isnan(problem.deadline_s):
+        return "holds: its deadline is not a number"
+    budget = problem.budget
+    if math.isnan(budget.distance) or math.isnan(budget.time):
+        return "holds: its budget is not a number"
+    if budget.home is not None and not (budget.home.shape == (3,) and np.isfinite(budget.home).all()):
+        return "holds: the home of its budget is not a place"
     return ""
 
 
-def nowhere(view: Outlook) -> str:
+def nowhere(view: Outlook, open_area: bool = True) -> str:
     """The reason to hold when no candidate has a value."""
     if (view.steps > 0).any():
         return "holds: the value of every candidate is not a number; clusters or exploration are damaged"
-    return "holds: it is at its only candidate waypoint already"
+    if open_area:
+        return "holds: it is at its only candidate waypoint already"
+    return "holds: there is no way to any other candidate waypoint"
 
 
 def crowded(separation: float) -> str:
@@ -92,12 +131,19 @@ def crowded(separation: float) -> str:
 
 
 def chosen(
-    problem: PlanProblem, setup: PlannerSetup, view: Outlook, best: int, exploration: float, objective: float
+    problem: PlanProblem,
+    setup: PlannerSetup,
+    view: Outlook,
+    best: int,
+    exploration: float,
+    objective: float,
+    name: int | None = None,
 ) -> Plan:
-    """The plan that goes to candidate `best`."""
-    trajectory = setup.vehicles[problem.robot].trajectory(
-        problem.state, view.predictions.waypoints[best], problem.start_time, problem.measure_period
-    )
+    """The plan that goes to candidate `best` of the view; people know it by the number `name`."""
+    waypoint = view.predictions.waypoints[best]
+    trajectory = way_to(problem, setup, problem.state, problem.start_time, waypoint)
+    if trajectory is None:
+        return Plan(None, "holds: there is no way to its candidate")
     terms = {
         "control": float(view.control[best]),
         "refinement": float(view.refinement[best]),
@@ -105,4 +151,4 @@ def chosen(
         "steps": float(view.steps[best]),
     }
     place = ", ".join(f"{x:.1f}" for x in trajectory.waypoint)
-    return Plan(trajectory, f"candidate {best} at ({place})", objective, terms)
+    return Plan(trajectory, f"candidate {best if name is None else name} at ({place})", objective, terms)

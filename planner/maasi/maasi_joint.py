@@ -11,17 +11,31 @@ after the other, until none gains by another choice. That finds a joint index th
 improve, not necessarily the best of all.
 """
 
+import math
+from collections.abc import Callable
 from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
 
-from estimator.arrays import Count, FloatArray, IntArray
+from estimator.arrays import BoolArray, Count, FloatArray, IntArray
+from planner.budget import affordable, limited, way_to
+from planner.deadline import Deadline
 from planner.maasi.coupling import NOT_YET, Coupling, couple
-from planner.maasi.maasi import Maasi, MaasiConfig, chosen, crowded, scored, unplannable
+from planner.maasi.maasi import (
+    LATE,
+    RESERVE_S,
+    Maasi,
+    MaasiConfig,
+    chosen,
+    crowded,
+    scored,
+    unplannable,
+)
 from planner.maasi.outlook import Outlook, outlook
 from planner.plan import Commitment, Plan, PlannerSetup, PlanProblem
 
+PART = 512  # joint indices between two looks at the deadline
 ROUNDS = 50  # of coordinate ascent at most; it ends by itself long before
 
 
@@ -35,6 +49,7 @@ class MaasiJoint:
     """TeamPlanner, and Planner for a team of one."""
 
     Config: ClassVar[type[MaasiJointConfig]] = MaasiJointConfig
+    deadline: Callable[[float], Deadline] = Deadline  # tests give it another clock
 
     def __init__(self, config: MaasiJointConfig, setup: PlannerSetup) -> None:
         self.config = config
@@ -49,9 +64,41 @@ class MaasiJoint:
         return self.single.plan(problem)
 
     def plan_jointly(self, problems: tuple[PlanProblem, ...]) -> tuple[Plan, ...]:
-        """One plan per problem; commitments of robots that plan now are not conditioned on."""
+        """One plan per problem; commitments of robots that plan now are not conditioned on.
+
+        With a deadline (the soonest of the problems') the robots first plan one after the other, and keep
+        these plans if time does not suffice for the joint choice.
+        """
+        soonest = min((p.deadline_s for p in problems if not math.isnan(p.deadline_s)), default=math.inf)
+        if soonest == math.inf:
+            return self._jointly(problems, Deadline(math.inf)) or ()
+        deadline = self.deadline(soonest - RESERVE_S * len(problems))
+        began = deadline.left()
+        plans = self._in_turn(problems, deadline)
+        each = began - deadline.left()
+        if LATE in [plan.reason for plan in plans] or deadline.left() < 2.0 * each:
+            return plans
+        return self._jointly(problems, deadline) or plans
+
+    def _in_turn(self, problems: tuple[PlanProblem, ...], deadline: Deadline) -> tuple[Plan, ...]:
+        """Each robot by itself, given the plans of those before it, in half of the time that is left."""
+        plans: list[Plan] = []
+        planning = {problem.robot for problem in problems}
+        known: list[Commitment] = []
+        for index, problem in enumerate(problems):
+            others = _without(problem, planning)
+            share = 0.5 * deadline.left() / (len(problems) - index)
+            share = problem.deadline_s if math.isnan(problem.deadline_s) else share
+            given = replace(problem, others=(*others, *known), deadline_s=share + RESERVE_S)
+            plans.append(self.single.plan(given))
+            known += self._standing_or_going(problem, plans[-1])
+        return tuple(plans)
+
+    def _jointly(self, problems: tuple[PlanProblem, ...], deadline: Deadline) -> tuple[Plan, ...] | None:
+        """The joint choice; None if there was no time for it."""
         plans: dict[int, Plan] = {}
         views: dict[int, Outlook] = {}
+        options: list[IntArray] = []
         planning = {problem.robot for problem in problems}
         for index, problem in enumerate(problems):
             awkward = unplannable(problem, self.setup)
@@ -59,35 +106,74 @@ class MaasiJoint:
                 plans[index] = Plan(None, awkward)
                 continue
             altitude = float(self.setup.vehicles[problem.robot].pose(problem.state)[2])
-            others = tuple(other for other in problem.others if other.robot not in planning)
+            others = _without(problem, planning)
             waypoints = self.single.candidates.waypoints(altitude)
             view = outlook(
-                problem, self.setup, waypoints, others, ways=problem.separation > 0 and len(problems) > 1
+                problem, self.setup, waypoints, others, finely=problem.separation > 0 and len(problems) > 1
             )
             allowed = np.isfinite(scored(view, view.exploration, self.config)) & view.clear
-            if allowed.any():
+            option = np.flatnonzero(allowed & self._affordable(problem, view, allowed))
+            if option.size:
                 views[index] = view
-            else:
-                plans[index] = self.single.plan(problem)  # for its reason
-        if views:
-            team = [problems[index] for index in views]
-            answers = self._choose(team, list(views.values()))
-            plans.update(zip(views, answers, strict=True))
+                options.append(option)
+            else:  # it holds with a reason or returns home, and the others plan around that
+                plans[index] = self.single.plan(replace(problem, deadline_s=math.inf))
+            if deadline.over():
+                return None
+        going = [c for i, p in plans.items() if p.trajectory for c in self._standing_or_going(problems[i], p)]
+        team = [problems[index] for index in views]
+        if team and going:
+            around = tuple(replace(p, others=(*_without(p, planning), *going)) for p in team)
+            answers = self._jointly(around, deadline)
+        else:
+            answers = self._choose(team, list(views.values()), options, deadline) if team else ()
+        if answers is None:
+            return None
+        plans.update(zip(views, answers, strict=True))
         return tuple(plans[index] for index in range(len(problems)))
 
-    def _choose(self, problems: list[PlanProblem], views: list[Outlook]) -> tuple[Plan, ...]:
-        coupling = couple(problems, self.setup, views)
-        options = [
-            np.flatnonzero(np.isfinite(scored(view, view.exploration, self.config)) & view.clear)
-            for view in views
-        ]
+    def _affordable(self, problem: PlanProblem, view: Outlook, asked: BoolArray) -> BoolArray:
+        """(w,) which of the candidates that are asked for the budget allows."""
+        can = asked.copy()
+        if limited(problem):
+            for w in np.flatnonzero(asked):
+                goal = view.predictions.waypoints[w]
+                way = way_to(problem, self.setup, problem.state, problem.start_time, goal)
+                can[w] = way is not None and affordable(problem, self.setup, way)
+        return can
+
+    def _standing_or_going(self, problem: PlanProblem, plan: Plan) -> tuple[Commitment, ...]:
+        """What a plan commits a robot to, for the others to plan around."""
+        if problem.robot not in self.setup.vehicles or not np.isfinite(problem.state).all():
+            return ()
+        way, pose = plan.trajectory, self.setup.vehicles[problem.robot].pose(problem.state)[None]
+        return (
+            Commitment(
+                robot=problem.robot,
+                version=0,
+                measure_times=np.zeros(0) if way is None else way.measure_times,
+                measure_poses=np.zeros((0, 4)) if way is None else way.measure_poses,
+                times=np.array([problem.start_time]) if way is None else way.times,
+                poses=pose if way is None else way.poses,
+                measure_period=problem.measure_period,
+            ),
+        )
+
+    def _choose(
+        self, problems: list[PlanProblem], views: list[Outlook], options: list[IntArray], deadline: Deadline
+    ) -> tuple[Plan, ...] | None:
+        coupling = couple(problems, self.setup, views, deadline.over)
+        if coupling is None:
+            return None
         if np.prod([float(option.size) for option in options]) <= self.config.max_joint:
             joint = np.stack([axis.ravel() for axis in np.meshgrid(*options, indexing="ij")], axis=1)
-            best, value = self._best(coupling, views, joint)
+            best, value = self._best_so_far(coupling, views, joint, deadline)
         else:
-            best, value = self._ascend(coupling, views, options)
+            best, value = self._ascend(coupling, views, options, deadline)
+        if deadline.over() and ((best == NOT_YET).any() or not np.isfinite(value)):
+            return None
         if not np.isfinite(value):
-            return self._without_last(problems)
+            return self._without_last(problems, deadline)
         explorations = [coupling.exploration(a, best[None])[0] for a in range(len(views))]
         return tuple(
             chosen(
@@ -95,6 +181,20 @@ class MaasiJoint:
             )
             for problem, view, w, e in zip(problems, views, best, np.array(explorations), strict=True)
         )
+
+    def _best_so_far(
+        self, coupling: Coupling, views: list[Outlook], joint: IntArray, deadline: Deadline
+    ) -> tuple[IntArray, float]:
+        """`_best`, in parts if there is a deadline."""
+        part = len(joint) if math.isinf(deadline.seconds) else PART
+        best, value = joint[0], -np.inf
+        for first in range(0, len(joint), part):
+            choice, gained = self._best(coupling, views, joint[first : first + part])
+            if gained > value:
+                best, value = choice, gained
+            if deadline.over():
+                break
+        return best, value
 
     def _best(self, coupling: Coupling, views: list[Outlook], joint: IntArray) -> tuple[IntArray, float]:
         """The joint index, among those in rows (j, a), of the highest sum (26); the first of equals."""
@@ -112,7 +212,7 @@ class MaasiJoint:
         return np.where(index == NOT_YET, 0.0, value)
 
     def _ascend(
-        self, coupling: Coupling, views: list[Outlook], options: list[IntArray]
+        self, coupling: Coupling, views: list[Outlook], options: list[IntArray], deadline: Deadline
     ) -> tuple[IntArray, float]:
         """Coordinate ascent on the sum (26)."""
         best, value = np.full(len(views), NOT_YET), -np.inf
@@ -124,28 +224,26 @@ class MaasiJoint:
                 choice, gained = self._best(coupling, views, joint)
                 if sweep == 0 or gained > value:
                     best, value = choice, gained
+                if deadline.over():
+                    return best, value
             if (best == before).all():
                 break
         return best, value
 
-    def _without_last(self, problems: list[PlanProblem]) -> tuple[Plan, ...]:
+    def _without_last(self, problems: list[PlanProblem], deadline: Deadline) -> tuple[Plan, ...] | None:
         """When no joint index keeps all apart, the last robot holds and the others plan around it."""
         last = problems[-1]
         hold = Plan(None, crowded(last.separation))
         if len(problems) == 1:
             return (hold,)
-        pose = self.setup.vehicles[last.robot].pose(last.state)
-        standing = Commitment(
-            robot=last.robot,
-            version=0,
-            measure_times=np.zeros(0),
-            measure_poses=np.zeros((0, 4)),
-            times=np.array([last.start_time]),
-            poses=pose[None],
-            measure_period=last.measure_period,
-        )
+        standing = self._standing_or_going(last, hold)
         rest = tuple(
-            replace(problem, others=(*(o for o in problem.others if o.robot != last.robot), standing))
+            replace(problem, others=(*_without(problem, {last.robot}), *standing))
             for problem in problems[:-1]
         )
-        return (*self.plan_jointly(rest), hold)
+        plans = self._jointly(rest, deadline)
+        return None if plans is None else (*plans, hold)
+
+
+def _without(problem: PlanProblem, robots: set[str]) -> tuple[Commitment, ...]:
+    return tuple(other for other in problem.others if other.robot not in robots)

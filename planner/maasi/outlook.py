@@ -5,6 +5,7 @@ interpolated from the corners of one grid cell. So ê is followed at these corne
 each measurement before leaves unexplored there; the grid is never copied.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,11 +14,10 @@ from estimator.arrays import BoolArray, FloatArray, IntArray
 from estimator.sensor import SensorModel
 from planner.commitments import Looks, looks, position_at, usable
 from planner.maasi.coverage import BATCH, cell_corners, explore
+from planner.maasi.ways import ways
 from planner.plan import Commitment, PlannerSetup, PlanProblem, Predictions, VehicleModel
-from planner.separation import clearances
+from planner.separation import SAME_PLACE, clearances
 from planner.vehicles.prediction import finer, measure_steps, measurements_only
-
-SAME_PLACE = 1e-6  # m
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +70,8 @@ def outlook(
     setup: PlannerSetup,
     waypoints: FloatArray,
     others: tuple[Commitment, ...],
-    ways: bool = False,
+    finely: bool = False,
+    over: Callable[[], bool] = bool,
 ) -> Outlook:
     """Predict the way to every waypoint (w, 3), and all that the objective needs to know of it.
 
@@ -79,14 +80,15 @@ def outlook(
         setup: the team's models; that of the problem's robot must be there.
         waypoints: candidates.
         others: commitments to condition on.
-        ways: sample the ways finely even without a separation to keep.
+        finely: sample the ways finely even without a separation to keep.
+        over: whether time is up; what is left of the others' measurements is then not looked at any more.
     """
     vehicle, sensor = setup.vehicles[problem.robot], setup.sensors[problem.robot]
     others = tuple(other for other in others if usable(other) and other.robot != problem.robot)
     every = measure_steps(problem.measure_period, vehicle.control_period)
     apart = problem.separation > 0 and bool(others)
-    parts = finer(every, vehicle.control_period) if apart or ways else 1
-    way = vehicle.predict(problem.state, waypoints, every / parts * vehicle.control_period)
+    parts = finer(every, vehicle.control_period) if apart or finely else 1
+    way = ways(problem, setup, waypoints, every / parts * vehicle.control_period)
     predictions = way if parts == 1 else measurements_only(way, parts)
     clearance, clear = _clearance(problem, vehicle, way, others if apart else ())
 
@@ -95,7 +97,7 @@ def outlook(
     times = problem.start_time + np.repeat(predictions.measure_times, 1 << corners.shape[0])
     candidate = np.repeat(np.arange(len(waypoints)), np.diff(predictions.offsets))
     _own_looks(sensor, problem.start_time, predictions, times, corners, shares)
-    _others_looks(problem, setup, others, times, corners, shares)
+    others_looks(problem, setup, others, times, corners, shares, over)
     return Outlook(
         start_time=problem.start_time,
         control_period=vehicle.control_period,
@@ -135,21 +137,33 @@ def _own_looks(
         explore(sensor, way, times[columns], corners[:, columns], shares[columns])
 
 
-def _others_looks(
+def others_looks(
     problem: PlanProblem,
     setup: PlannerSetup,
     others: tuple[Commitment, ...],
     times: FloatArray,
     corners: FloatArray,
     shares: FloatArray,
+    over: Callable[[], bool] = bool,
 ) -> None:
-    """The others' committed measurements explore too, (32)."""
+    """The others' committed measurements explore too, (32): taken from the shares (n,) in place.
+
+    Args:
+        problem, setup: of the robot that plans.
+        others: usable commitments.
+        times: (n,) team time at which each corner is looked at.
+        corners: (d, n).
+        shares: (n,).
+        over: whether time is up.
+    """
     known = [other for other in others if other.robot in setup.sensors]
     if not known or times.size == 0:
         return
     order = np.argsort(times, kind="stable")
     ordered, points, left = times[order], corners[:, order], shares[order]
     for other in known:
+        if over():
+            break
         explore(setup.sensors[other.robot], looks(other, problem.start_time), ordered, points, left)
     shares[order] = left
 
