@@ -21,7 +21,7 @@ from estimator.filter import Area
 from estimator.grid import interpolate, node_volumes, nodes
 from estimator.kernels import kernel
 from estimator.motion import Motion
-from estimator.sensor import SensorModel
+from estimator.sensor import SensorModel, own_look
 from estimator.sensors.known import bare
 
 _SPREAD = (
@@ -165,8 +165,13 @@ def explanations(
     With `certain`, targets are detected for certain wherever they can be detected at all.
     """
     d, m = sensor.dimension, len(measurements)
-    centres = sensor.locate(measurements, pose)
-    factors = _SPREAD**2 * np.ascontiguousarray(sensor.location_covariance(measurements, pose))
+    plain = bare(sensor)
+    quick = own_look(plain)
+    if quick is not None:
+        centres, covariances = quick.located(measurements, pose)
+    else:
+        centres, covariances = plain.locate(measurements, pose), plain.location_covariance(measurements, pose)
+    factors = _SPREAD**2 * np.ascontiguousarray(covariances)
     spread = np.sqrt(_factorised(factors)) / _SPREAD
     units, owners = _PROBE_SETS[d], _owners(m, 2 * _PROBES)
     probes, shares = _evaluated(prior, sensor, pose, measurements, centres, factors, owners, units, certain)
@@ -242,12 +247,27 @@ def _evaluated(
     points = np.empty((units.shape[0], owners.size))
     shares = np.empty(owners.size)
     _propose(centres, factors, owners, units, points, shares)
-    look = bare(sensor).look(points, pose, measurements)
+    detection, own = _own_look(bare(sensor), points, pose, measurements, owners)
     shares *= prior.at(points)
+    shares *= own
+    shares *= detection > 0.0 if certain else detection
+    return points, shares
+
+
+def _own_look(
+    sensor: SensorModel, points: FloatArray, pose: FloatArray, measurements: FloatArray, owners: IntArray
+) -> tuple[FloatArray, FloatArray]:
+    """p_D (b,) of points (d, b), and g (b,) of each under its own measurement.
+
+    A look at all pairs says it too; sensors that can leave out the other pairs have `own_look`.
+    """
+    quick = own_look(sensor)
+    if quick is not None:
+        return quick.own_look(points, pose, measurements, owners)
+    look = sensor.look(points, pose, measurements)
     own = np.zeros(owners.size)
-    detection = (look.detection > 0.0).astype(np.float64) if certain else look.detection
-    _pick(look.offsets, look.indices, look.likelihood, detection, owners, own)
-    return points, shares * own
+    _pick(look.offsets, look.indices, look.likelihood, owners, own)
+    return look.detection, own
 
 
 @kernel
@@ -288,16 +308,22 @@ def _propose(
         volume[j] = (2.0 * pi) ** (0.5 * d)
         for a in range(d):
             volume[j] *= factors[j, a, a]
-    for k in range(owners.size):
-        j, u = owners[k], k % units.shape[1]
+    inverse = np.empty(units.shape[1])
+    for u in range(units.shape[1]):
         square = 0.0
+        for a in range(d):
+            square += units[a, u] * units[a, u]
+        inverse[u] = np.exp(0.5 * square)
+    u = 0
+    for k in range(owners.size):
+        j = owners[k]
         for a in range(d):
             x = centres[a, j]
             for b in range(a + 1):
                 x += factors[j, a, b] * units[b, u]
             points[a, k] = x
-            square += units[a, u] * units[a, u]
-        inverse_densities[k] = volume[j] * np.exp(0.5 * square)
+        inverse_densities[k] = volume[j] * inverse[u]
+        u = u + 1 if u + 1 < units.shape[1] else 0
 
 
 @kernel
@@ -305,15 +331,14 @@ def _pick(
     offsets: IntArray,
     indices: IntArray,
     likelihood: FloatArray,
-    detection: FloatArray,
     owners: IntArray,
     own: FloatArray,
 ) -> None:
-    """p_D g of each point (b,) for the measurement that proposed it."""
+    """g of each point (b,) for the measurement that proposed it."""
     for j in range(offsets.size - 1):
         for k in range(offsets[j], offsets[j + 1]):
             if owners[indices[k]] == j:
-                own[indices[k]] = detection[indices[k]] * likelihood[k]
+                own[indices[k]] = likelihood[k]
 
 
 @kernel

@@ -213,6 +213,42 @@ def gated_likelihoods(
 
 
 @kernel
+def own_likelihoods(
+    points: FloatArray,
+    pose: FloatArray,
+    measurements: FloatArray,
+    owners: IntArray,
+    sigmas: FloatArray,
+    gate: float,
+) -> tuple[FloatArray, bool]:
+    """The likelihood (n,) of each point (d, n) under one measurement, that of row `owners` (n,).
+
+    As `gated_likelihoods` otherwise. Runs of one owner are worked on together.
+    """
+    n = points.shape[1]
+    out, block = np.empty(n), np.empty(_BLOCK, np.uint32)
+    buffer, density = np.empty((5, _BLOCK)), np.empty(_BLOCK)
+    begin, total = 0, 0.0
+    while begin < n:
+        end = begin + 1
+        while end < n and end - begin < _BLOCK and owners[end] == owners[begin]:
+            end += 1
+        for k in range(begin, end):
+            block[k - begin] = k
+            for a in range(points.shape[0]):
+                total += points[a, k]
+        some, z = block[: end - begin], measurements[owners[begin]]
+        if points.shape[0] == 3:
+            _densities_3d(points, pose, some, z, sigmas, gate, buffer, density)
+        else:
+            _densities_2d(points, pose, some, z, sigmas, gate, buffer, density)
+        for k in range(begin, end):
+            out[k] = density[k - begin]
+        begin = end
+    return out, np.isfinite(total)
+
+
+@kernel
 def _densities_2d(
     points: FloatArray,
     pose: FloatArray,

@@ -10,13 +10,13 @@ from typing import Literal
 
 import numpy as np
 
-from estimator.arrays import BoolArray, FloatArray, NonNegative, Positive
+from estimator.arrays import BoolArray, FloatArray, IntArray, NonNegative, Positive
 from estimator.filter import Area
 from estimator.kernels import kernel
 from estimator.sensor import Look, checked_points, checked_poses, validated
 from estimator.sensors.field_config import FieldConfig, field_of
 from estimator.sensors.field_of_view import FieldOfView
-from estimator.sensors.gating import gated_likelihoods
+from estimator.sensors.gating import gated_likelihoods, own_likelihoods
 
 GATE_SIGMAS = 6.0  # a component further off than this has likelihood 0; 2e-9 of the Gaussian lies beyond
 
@@ -114,6 +114,21 @@ class RangeBearing:
             raise ValueError("points: every number must be finite")
         return Look(detection, offsets, indices, likelihood, self.clutter_intensity(measurements, pose))
 
+    def own_look(
+        self, points: FloatArray, pose: FloatArray, measurements: FloatArray, owners: IntArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """p_D (n,) of points (d, n), and g (n,) of each under its own measurement, that of row owners (n,).
+
+        Raises:
+            ValueError: if a shape is another, or a number of any argument is not finite.
+        """
+        detection = self.field.detection(points, pose)[0]
+        z = self._in_world(validated(measurements, self.measurement_size), pose)
+        likelihood, finite = own_likelihoods(points, pose, z, owners, self.sigmas, GATE_SIGMAS)
+        if not finite:
+            raise ValueError("points: every number must be finite")
+        return detection, likelihood
+
     def clutter_intensity(self, measurements: FloatArray, pose: FloatArray) -> FloatArray:
         """c(z; q) (m,), false measurements per m rad(^2): uniform on the support, 0 outside."""
         out = np.zeros(len(measurements))
@@ -128,7 +143,7 @@ class RangeBearing:
 
         A negative range counts as 0.
         """
-        return self._located(measurements, pose)[0]
+        return self.located(measurements, pose)[0]
 
     def location_covariance(self, measurements: FloatArray, pose: FloatArray) -> FloatArray:
         """Covariance (m, d, d) in m^2 of `locate`, to first order in the angles.
@@ -136,9 +151,10 @@ class RangeBearing:
         Across the line of sight the mean square of the range, r^2 + sigma_r^2, is used instead of r^2, so
         that a target on the sensor has a covariance too.
         """
-        return self._located(measurements, pose)[1]
+        return self.located(measurements, pose)[1]
 
-    def _located(self, measurements: FloatArray, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def located(self, measurements: FloatArray, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """`locate` and `location_covariance` at once."""
         pose = checked_poses(pose)[0]
         z = self._in_world(validated(measurements, self.measurement_size), pose)
         d = self.dimension

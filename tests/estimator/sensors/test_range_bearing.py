@@ -237,3 +237,25 @@ def test_the_jacobian_is_finite_on_the_sensor_and_above_it(d: int) -> None:
     pose = np.array([5.0, 5.0, 5.0, 0.3])
     targets = np.array([[5.0, 5.0], [5.0, 5.0], [5.0, 9.0]])[:d]
     assert np.isfinite(sensor(d).jacobian(targets, pose)).all()
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_a_look_at_its_own_measurement_says_what_a_look_at_all_says(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    d = 2 + seed % 2
+    model = sensor(d, range_sigma_m=3.0, bearing_sigma_deg=10 ** rng.uniform(0.5, 2.0))
+    pose = np.append(rng.uniform(20.0, 40.0, 3), rng.uniform(-3.0, 3.0))
+    z = model.measure(rng.uniform(0.0, 60.0, (d, 4)), pose)
+    points = rng.uniform(0.0, 60.0, (d, 3000))
+    owners = rng.integers(0, 4, 3000)
+    detection, likelihood = model.own_look(points, pose, z, owners)
+    expected = dense(model, points, pose, z)[owners, np.arange(3000)]
+    assert (expected > 0.0).any()
+    np.testing.assert_allclose(likelihood, expected, rtol=1e-12)
+    np.testing.assert_array_equal(detection, model.look(points, pose, z).detection)
+
+
+def test_a_point_that_is_no_number_is_refused_by_its_own_look_too() -> None:
+    points = np.array([[1.0, np.nan], [1.0, 1.0]])
+    with pytest.raises(ValueError, match="points"):
+        sensor().own_look(points, np.zeros(4), np.array([[1.0, 0.0]]), np.zeros(2, np.int64))
