@@ -26,7 +26,6 @@ from planner.maasi.outlook import outlook
 from planner.plan import Intensity, Plan, PlannerSetup, PlanProblem
 from planner.vehicles.route import routed
 
-
 LATE = "holds: its time to plan is over"
 BATCH = 4  # places that are looked at between two looks at the clock
 
@@ -38,7 +37,7 @@ class CbbaConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     regions_per_robot: Count = 2  # to explore, at most
     spacing_m: NonNegative = 10.0  # clusters nearer to each other than this are one task
     refine: NonNegative = 1.0  # worth of what is learnt of one target
-    enough_m: Positive = 0.5  # standard deviation per axis at which a target is known well enough
+    enough_m: Positive = 0.25  # standard deviation per axis at which a target is known well enough
     explore: NonNegative = 5.0  # worth of exploring the whole area, in targets
     discount_s: Positive = 60.0  # a reward that much later is worth 1/e
     fuel: NonNegative = 0.0  # cost of a second on the way, in targets
@@ -193,13 +192,19 @@ class Cbba:
             view = outlook(problem, self.setup, waypoints[first : first + batch], problem.others)
             objective = scored(view, view.exploration, self._way)
             seconds = view.steps * vehicle.control_period
-            allowed = np.isfinite(objective) & (seconds <= self._time_left(problem, view.predictions.waypoints))
+            allowed = np.isfinite(objective) & (
+                seconds <= self._time_left(problem, view.predictions.waypoints)
+            )
             if allowed.any() and not (allowed & view.clear).any():
                 reason = crowded(problem.separation)
             objective = np.where(allowed & view.clear, objective, -np.inf)
             w = int(np.argmax(objective))
             if objective[w] > best.objective:
-                best = chosen(problem, self.setup, view, w, view.exploration[w], float(objective[w]))
+                plan = chosen(problem, self.setup, view, w, view.exploration[w], float(objective[w]))
+                if plan.trajectory is None or not affordable(problem, self.setup, plan.trajectory):
+                    reason = "holds: the best place in its tasks and the way home are beyond its budget"
+                    continue
+                best = plan
         return best if best.trajectory is not None else Plan(None, reason)
 
     def _around(self, problem: PlanProblem, waypoints: FloatArray, here: FloatArray) -> Plan:
