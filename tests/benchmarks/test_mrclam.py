@@ -24,7 +24,7 @@ def test_all_sets_of_all_robots_are_in_the_order_of_capture() -> None:
 @pytest.mark.parametrize(
     ("way", "kind", "matched", "false", "metres"),
     [
-        (mrclam.run, "lmb", 15, 1, 0.12),
+        (mrclam.run, "lmb", 14, 1, 0.12),
         (mrclam.run, "gm_phd", 12, 2, 0.15),
         (mrclam.search, "smc_phd", 12, 0, 0.12),
         (mrclam.search, "gm_phd", 12, 0, 0.12),
