@@ -141,7 +141,7 @@ class PlanProblem:
     budget: Budget = UNLIMITED
     deadline_s: float = np.inf  # wall time after which the best plan so far is to be returned
     seed: int = 0  # for planners that draw; another for every plan of every robot
-    context: Mapping[str, Any] = field(default_factory=dict)  # what only some planners need
+    context: Mapping[str, Any] = field(default_factory=dict)  # for some only; "rehearsal": to be forgotten
 
 
 @dataclass(frozen=True, slots=True)

@@ -31,7 +31,7 @@ class InformationRules:
     step: float  # metres between two measurements
     period: float  # seconds between them
     margin: float = 5.0  # metres around the cluster at which it is entered
-    enough: float = 0.5  # metres of standard deviation per axis at which a target is known well enough
+    enough: float = 0.25  # metres of standard deviation per axis at which a target is known well enough
     looks: int = 12  # at most
     fuel: float = 0.0  # per second
 
@@ -113,7 +113,7 @@ def _greedy(
     """Scores and seconds (p,) of p greedy paths from `places` (p, d) among targets (p, m)."""
     p, d = places.shape
     before = np.trace(covariances, axis1=2, axis2=3)
-    information = np.linalg.inv(covariances)
+    information: FloatArray = np.asarray(np.linalg.inv(covariances), dtype=np.float64)
     shares = masses / np.maximum(masses.sum(axis=1, keepdims=True), 1e-300)
     left = (shares * before).sum(axis=1)  # mean A-optimality, (13)
     enough = d * rules.enough**2
@@ -122,7 +122,7 @@ def _greedy(
     for _ in range(rules.looks):
         options = places[:, None] + moves  # (p, k, d)
         gained = _fisher(sensor, options, means, middles, altitude)  # (p, k, m, d, d)
-        after = information[:, None] + gained
+        after: FloatArray = information[:, None] + gained
         traces = _inverse_trace(after)  # (p, k, m)
         cost = (shares[:, None] * traces).sum(axis=2)
         best = np.argmin(cost, axis=1)

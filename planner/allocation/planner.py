@@ -18,12 +18,13 @@ from estimator.arrays import Count, FloatArray, NonNegative, Positive
 from planner.allocation.partition import equal_shares
 from planner.allocation.tasks import Request, Task, TaskBoard, TaskRules
 from planner.allocation.team import Member, Worth, assign, cruise, sweep_width
-from planner.budget import affordable
+from planner.budget import affordable, limited, returning
 from planner.commitments import usable
 from planner.deadline import Deadline
 from planner.maasi.maasi import MaasiConfig, chosen, crowded, scored, unplannable
 from planner.maasi.outlook import outlook
 from planner.plan import Intensity, Plan, PlannerSetup, PlanProblem
+from planner.separation import keeps_apart
 from planner.vehicles.route import routed
 
 LATE = "holds: its time to plan is over"
@@ -115,6 +116,8 @@ class Cbba:
             if plan.trajectory is not None:
                 return Plan(plan.trajectory, f"{spare}{task.name}: {plan.reason}", plan.objective, plan.terms)
             reason = plan.reason
+        if limited(problem):
+            return returning(problem, self.setup, reason.removeprefix("holds: "))
         return Plan(None, reason)
 
     def _memory(self, problem: PlanProblem) -> _Memory:
@@ -198,13 +201,14 @@ class Cbba:
             if allowed.any() and not (allowed & view.clear).any():
                 reason = crowded(problem.separation)
             objective = np.where(allowed & view.clear, objective, -np.inf)
-            w = int(np.argmax(objective))
-            if objective[w] > best.objective:
-                plan = chosen(problem, self.setup, view, w, view.exploration[w], float(objective[w]))
-                if plan.trajectory is None or not affordable(problem, self.setup, plan.trajectory):
-                    reason = "holds: the best place in its tasks and the way home are beyond its budget"
-                    continue
-                best = plan
+            for w in np.argsort(-objective, kind="stable"):
+                if not objective[w] > best.objective:
+                    break
+                plan = chosen(problem, self.setup, view, int(w), view.exploration[w], float(objective[w]))
+                if plan.trajectory is not None and affordable(problem, self.setup, plan.trajectory):
+                    best = plan
+                    break
+                reason = "holds: its tasks and the way home are beyond its budget"
         return best if best.trajectory is not None else Plan(None, reason)
 
     def _around(self, problem: PlanProblem, waypoints: FloatArray, here: FloatArray) -> Plan:
@@ -221,7 +225,7 @@ class Cbba:
                 continue
             vehicle = self.setup.vehicles[problem.robot]
             way = routed(vehicle, problem.state, route, problem.start_time, problem.measure_period, near=1.0)
-            if way.end_time - problem.start_time <= self._time_left(problem, waypoint[None])[0]:
+            if affordable(problem, self.setup, way) and keeps_apart(problem, vehicle, way):
                 return Plan(way, f"around obstacles, {length:.0f} m")
         return Plan(None, "holds: there is no way to its tasks")
 

@@ -74,8 +74,8 @@ class TaskBoard:
     ) -> "TaskBoard":
         """The tasks of a new posterior.
 
-        Left out are clusters and requests with a number that is not finite, requests of a name that another has
-        or that could be a slot's, and those that need less than one robot.
+        Left out are clusters and requests with a number that is not finite, requests of a name that another
+        has or that could be a slot's, and those that need less than one robot.
         """
         old_regions = [task for task in self.tasks if task.kind == "explore"]
         old_clusters = [task for task in self.tasks if task.kind == "refine"]

@@ -45,7 +45,7 @@ class Worth:
     explore: float = 5.0  # targets expected in an area of which nothing is explored
     discount_s: float = 60.0  # a reward that much later is worth 1/e
     fuel: float = 0.0  # per second
-    enough: float = 0.5  # metres of standard deviation at which a target is known well enough
+    enough: float = 0.25  # metres of standard deviation at which a target is known well enough
     loyalty: float = 0.2  # added to a task's value for the robot that is at it
 
 

@@ -46,7 +46,7 @@ def test_one_look_learns_what_the_fisher_information_says():
             seen = model.detection(task.points, pose[None])[0, 0]
             after = np.linalg.inv(np.linalg.inv(covariance) + seen * H.T @ np.linalg.inv(model.noise) @ H)
             best = min(best, np.trace(after))
-        assert made.score[0, e] == pytest.approx((40.0 - best) / (40.0 + 2 * 0.5**2), rel=1e-6)
+        assert made.score[0, e] == pytest.approx((40.0 - best) / (40.0 + 2 * 0.25**2), rel=1e-6)
         assert made.seconds[0, e] == 1.0
 
 
@@ -68,7 +68,7 @@ def test_what_is_known_already_is_worth_less_and_fuel_costs():
     narrow = cluster([(50, 50)], [0.01 * np.eye(2)], [1.0])
     made = learnt(sensor(), [wide, narrow], RULES, 0.0)
     assert made.score[0].min() > 0.9
-    assert made.score[1].max() < 0.05
+    assert made.score[1].max() < 0.2
     costly = learnt(sensor(), [wide], InformationRules(5.0, 1.0, fuel=0.01), 0.0)
     assert costly.score[0] == pytest.approx(made.score[0] - 0.01 * costly.seconds[0])
 

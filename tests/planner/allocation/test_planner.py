@@ -182,6 +182,32 @@ def test_requests_that_no_team_can_meet_and_budgets_that_are_no_numbers_are_held
     assert "budget" in spent.reason
 
 
+def test_a_rehearsal_is_not_remembered_and_time_that_goes_back_begins_anew():
+    setup = team(2, "ab")
+    given = fresh(problem(setup, 1, "a", [standing("b", PLACES["d"])], clusters=1, start=PLACES["a"]))
+    expected = planner(setup).plan(given).reason
+    elsewhere = dataclasses.replace(
+        given, state=setup.vehicles["a"].initial_state(np.array([30.0, 9.0, 5.0, 0]))
+    )
+    cbba = planner(setup)
+    cbba.plan(dataclasses.replace(elsewhere, start_time=0.0, context={"rehearsal": True}))
+    assert cbba.plan(given).reason == expected
+    cbba.plan(dataclasses.replace(elsewhere, start_time=99.0))
+    assert cbba.plan(given).reason == expected
+
+
+@pytest.mark.parametrize("seconds", [0.0, 0.001, 0.005, 10.0])
+def test_a_deadline_leaves_the_best_plan_so_far_or_a_hold(seconds):
+    setup = team(2, "ab")
+    given = fresh(problem(setup, 1, "a", [standing("b", PLACES["d"])], clusters=1, start=PLACES["a"]))
+    plan = planner(setup).plan(dataclasses.replace(given, deadline_s=seconds))
+    assert plan.trajectory is not None or plan.reason.startswith("holds")
+    if seconds == 0.0:
+        assert plan.trajectory is None
+    if seconds == 10.0:
+        assert plan.objective == pytest.approx(planner(setup).plan(given).objective)
+
+
 class Wall:
     """A wall across the middle with a gap at the top."""
 
