@@ -45,6 +45,7 @@ def rehearse_robot(team: Team, robot: str) -> None:
         others=tuple(others[:1]),
         area=team.area,
         separation=mission.settings.separation_m,
+        context={"rehearsal": True},  # planners with a memory must not remember it
     )
     trajectory = team.planner.plan(problem).trajectory
     waypoint = pose[:3] if trajectory is None else trajectory.waypoint
