@@ -47,7 +47,7 @@ class LmbConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     association: Literal["lbp", "gibbs"] = "lbp"  # of groups too large to be solved exactly
     exact_groups: Annotated[int, Meta(ge=0, le=10)] = 5  # smaller side of a group that is solved exactly
     sweeps: Annotated[int, Meta(ge=1, le=100_000)] = 100  # of the Gibbs sampler
-    kalman: Literal["ekf", "ukf"] = "ekf"
+    update: Literal["ekf", "ukf"] = "ekf"
     gate_sigmas: Positive = 5.0  # measurements further from a component than this are not of it
     least_existence: Annotated[float, Meta(gt=0, lt=1)] = 1e-3  # tracks less likely than this are dropped
     most_existence: Annotated[float, Meta(gt=0, lt=1)] = 0.999999  # a certain track could never leave
@@ -147,7 +147,7 @@ class Lmb:
         measurements = validated(measurements, sensor.measurement_size)
         kalman = gaussian(sensor)
         motion = self._motion(sensor.dimension)
-        born = newborn(state.undetected, kalman, pose, measurements, motion, self.config.kalman)
+        born = newborn(state.undetected, kalman, pose, measurements, motion, self.config.update)
         tracks, marginals = self._corrected(state.tracks, kalman, pose, measurements, born, rng)
         kept = self._strongest(tracks.existence)
         tracks = tracks if kept.size == tracks.count else tracks.chosen(kept)
@@ -223,7 +223,7 @@ class Lmb:
             sensor,
             pose,
             measurements,
-            rule=config.kalman,
+            rule=config.update,
             gate=config.gate_sigmas,
         )
         # p_D where the measurement says the target is: the mean over each pair's posterior

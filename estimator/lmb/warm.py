@@ -14,13 +14,13 @@ def run(sensor: SensorModel, area: Area) -> None:
     pose = np.array([10.0, 10.0, 9.0, 0.5])
     rng = np.random.default_rng(0)
     targets = 12.0 + 0.1 * rng.random((d, 6))
-    for association, exact, kalman in (("lbp", 10, "ekf"), ("lbp", 0, "ukf"), ("gibbs", 0, "ekf")):
+    for association, exact, update in (("lbp", 10, "ekf"), ("lbp", 0, "ukf"), ("gibbs", 0, "ekf")):
         config = Lmb.Config(
             expected_targets=5.0,
             motion=MotionConfig(kind="constant_velocity"),
             association=association,  # type: ignore[arg-type]
             exact_groups=exact,
-            kalman=kalman,  # type: ignore[arg-type]
+            update=update,  # type: ignore[arg-type]
             track_merging=3.0,
             spacing_m=0.1,
         )
