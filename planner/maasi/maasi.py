@@ -70,7 +70,7 @@ class Maasi:
         guess = 0.0 if self.setup.ground is None else AROUND_S
         for batch in batches(len(waypoints), deadline, guess):
             view = outlook(problem, self.setup, waypoints[batch], problem.others, over=deadline.over)
-            value = scored(view, view.exploration, self.config)
+            value = self.value(problem, view)
             objective[batch] = np.where(view.clear, value, -np.inf)
             seen.update((int(i), (view, row)) for row, i in enumerate(batch))
             possible = bool(np.isfinite(value).any())
@@ -89,6 +89,10 @@ class Maasi:
         if not limited(problem):
             return Plan(None, reason)
         return returning(problem, self.setup, reason.removeprefix("holds: "))
+
+    def value(self, problem: PlanProblem, view: Outlook) -> FloatArray:
+        """J (w,) of the candidates of a view; -inf where there is none."""
+        return scored(view, view.exploration, self.config)
 
 
 def scored(view: Outlook, exploration: FloatArray, config: MaasiConfig) -> FloatArray:

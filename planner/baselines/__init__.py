@@ -1,0 +1,1 @@
+"""What planners are compared with: the baselines of (MA)ASI, and Thompson sampling."""

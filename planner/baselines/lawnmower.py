@@ -1,0 +1,108 @@
+"""The lawnmower: every robot covers its own share of the area in parallel lines, whatever is believed.
+
+The baseline of (MA)ASI sections 5.1 and 7.2, for any number of robots.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import ClassVar, Literal
+
+import msgspec
+import numpy as np
+
+from estimator.arrays import FloatArray, Positive
+from planner.baselines.choice import Option, taken
+from planner.baselines.mowing import Strip, reach_width, share
+from planner.deadline import Deadline
+from planner.maasi.maasi import RESERVE_S, unplannable
+from planner.plan import Plan, PlannerSetup, PlanProblem
+
+NEAR = 0.05  # of the swath: a turn that is nearer than this is done
+AHEAD = 8  # turns that are tried where the next is blocked, and done ones that are passed over at once
+
+
+class LawnmowerConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How the area is mown."""
+
+    swath_m: Positive | None = None  # between lines and layers; none: where p_D is half of its best
+    then: Literal["anew", "hold"] = "anew"  # when all is mown
+
+
+@dataclass(slots=True)
+class _Progress:
+    """Of one robot."""
+
+    strip: Strip
+    next: int = 0  # the turn that it is on its way to
+    sweep: int = 1
+
+
+class Lawnmower:
+    """Planner: from turn to turn, begun at the corner of the share that is nearest at first."""
+
+    Config: ClassVar[type[LawnmowerConfig]] = LawnmowerConfig
+    deadline: Callable[[float], Deadline] = Deadline  # tests give it another clock
+
+    def __init__(self, config: LawnmowerConfig, setup: PlannerSetup) -> None:
+        self.config = config
+        self.setup = setup
+        self._order = sorted(setup.vehicles)
+        self._progress: dict[str, _Progress] = {}
+
+    def __repr__(self) -> str:
+        return f"Lawnmower({self.config!r})"
+
+    def plan(self, problem: PlanProblem) -> Plan:
+        """The way to the next turn; over those that are blocked to one that is not."""
+        awkward = unplannable(problem, self.setup)
+        if awkward:
+            return Plan(None, awkward)
+        deadline = self.deadline(problem.deadline_s - RESERVE_S)
+        vehicle = self.setup.vehicles[problem.robot]
+        here = vehicle.pose(problem.state)[:3]
+        progress = self._progress.setdefault(problem.robot, self._begun(problem, here))
+        for _ in range(AHEAD):
+            place = self._place(progress.strip, progress.next, here)
+            near = float(np.linalg.norm(place - here)) < NEAR * progress.strip.swath
+            if not (near or vehicle.reached(problem.state, place)):
+                break
+            progress.next += 1
+            if progress.next == progress.strip.turns:
+                if self.config.then == "hold":
+                    progress.next -= 1
+                    return Plan(None, f"holds: its share is mown, in {progress.sweep} sweep")
+                flip = self._begun(problem, here).strip.flip
+                progress.strip, progress.next = replace(progress.strip, flip=flip), 0
+                progress.sweep += 1
+        else:
+            return Plan(None, "holds: its share is no larger than a step")
+        plan = taken(problem, self.setup, self._options(progress, here), deadline, "its share is mown")
+        if plan.trajectory is not None and "turn" in plan.terms:
+            progress.next = int(plan.terms["turn"])
+        return plan
+
+    def _options(self, progress: _Progress, here: FloatArray) -> Iterator[Option]:
+        strip = progress.strip
+        for k in range(progress.next, min(progress.next + AHEAD, strip.turns)):
+            again = "" if progress.sweep == 1 else f" of sweep {progress.sweep}, begun anew"
+            reason = f"turn {k + 1} of {strip.turns}{again}"
+            terms = {"turn": float(k), "sweep": float(progress.sweep)}
+            yield Option(self._place(strip, k, here), reason, terms=terms)
+
+    def _begun(self, problem: PlanProblem, here: FloatArray) -> _Progress:
+        """The robot's share, from the corner of it that is nearest."""
+        swath = self.config.swath_m or reach_width(
+            self.setup.sensors[problem.robot], problem.area, float(here[2])
+        )
+        index = self._order.index(problem.robot)
+        strip = share(problem.area, index, len(self._order), swath)
+        d = problem.area.dimension
+        both = (False, True)
+        ways = [replace(strip, flip=flip) for flip in product(both, both, both)]
+        return _Progress(min(ways, key=lambda s: float(np.linalg.norm(s.turn(0) - here[:d]))))
+
+    def _place(self, strip: Strip, k: int, here: FloatArray) -> FloatArray:
+        place = here.copy()
+        place[: strip.low.size] = strip.turn(k)
+        return place
