@@ -8,6 +8,7 @@ from estimator.exploration import Exploration
 from estimator.filter import Area
 from estimator.sensors.range_bearing import RangeBearing
 from planner.allocation.warm import warm_allocation
+from planner.irrt.warm import warm_irrt
 from planner.maasi.candidates import CandidateGrid
 from planner.maasi.maasi import Maasi
 from planner.maasi.maasi_joint import MaasiJoint
@@ -23,6 +24,7 @@ def warmups() -> list[tuple[str, Callable[[], None]]]:
         ("unicycle", lambda: _move(Unicycle(Unicycle.Config()))),
         ("(MA)ASI planner", _plan),
         ("CBBA", warm_allocation),
+        ("information-rich tree", warm_irrt),
     ]
 
 
