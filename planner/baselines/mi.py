@@ -10,8 +10,9 @@ m_c at the cluster centres, p_D = π_c there and p(X) = prod (1 - π) of a targe
     E[p log p] = P Σ m_c (1 - π_c) log(1 - π_c),
     E[(1 - p) log(1 - p)] = -P + Σ_{k >= 2} E[p^k] / (k (k - 1)),  E[p^k] = exp(Σ m_c ((1 - π_c)^k - 1)).
 
-The series is cut after TERMS; of its tail, which lies between E[p^inf] / TERMS and E[p^(TERMS + 1)] / TERMS,
-the mean of the two is taken. Looks are summed as if they were independent.
+The first terms of the series are summed; then blocks of terms, each half as long again as the one before,
+with E[p^k] at the block's geometric middle: the 1 / (k (k - 1)) of all k in (a, b] add up to 1 / a - 1 / b.
+Looks are summed as if they were independent.
 """
 
 from typing import ClassVar
@@ -26,7 +27,7 @@ from planner.maasi.maasi import DEFAULT_POINTS, RESERVE_S, Maasi, MaasiConfig, u
 from planner.maasi.outlook import Outlook, totals
 from planner.plan import Plan, PlannerSetup, PlanProblem
 
-TERMS = 40
+FIRST, GROWTH, LAST = 12, 1.5, 1e7  # terms summed one by one; blocks that grow by this factor; the end
 
 
 class MiConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -75,16 +76,17 @@ class Mi(Maasi):
 
 def information(detection: FloatArray, masses: FloatArray) -> FloatArray:
     """I(X; e) (r,) in nat of one binary look each, for p_D (r, c) of cluster centres of masses (c,)."""
-    missed = 1.0 - detection
+    missed = np.log(np.maximum(1.0 - detection, 1e-300))
     nothing = np.exp(-detection @ masses)
-    spread = np.where(missed > 0, missed * np.log(np.where(missed > 0, missed, 1.0)), 0.0) @ masses
+    spread = np.where(detection < 1, (1.0 - detection) * missed, 0.0) @ masses
     inner = -nothing
-    power = missed.copy()
-    for k in range(2, TERMS + 1):
-        power *= missed
-        inner += np.exp((power - 1.0) @ masses) / (k * (k - 1))
-    ever = np.exp(-((detection > 0) @ masses))
-    inner += 0.5 * (ever + np.exp((power * missed - 1.0) @ masses)) / TERMS
+    for k in range(2, FIRST + 1):
+        inner += np.exp((np.exp(k * missed) - 1.0) @ masses) / (k * (k - 1))
+    last = float(FIRST)
+    while last < LAST:
+        middle, end = last * GROWTH**0.5, last * GROWTH
+        inner += np.exp((np.exp(middle * missed) - 1.0) @ masses) * (1.0 / last - 1.0 / end)
+        last = end
     given = -nothing * spread - inner
     return np.asarray(np.maximum(_entropy(nothing) - given, 0.0))
 

@@ -16,6 +16,7 @@ import msgspec
 import numpy as np
 
 from estimator.arrays import Count, FloatArray
+from estimator.sensor import SensorModel
 from planner.baselines.choice import best_of
 from planner.deadline import Deadline
 from planner.maasi.candidates import CandidateGrid
@@ -92,14 +93,24 @@ class Thompson:
         return np.ascontiguousarray(points[:, rows])
 
     def _value(self, problem: PlanProblem, targets: FloatArray, waypoints: FloatArray) -> FloatArray:
-        """Expected number (w,) of drawn targets detected on the way to each waypoint (w, 3), per second."""
+        """Expected number (w,) of drawn targets detected on the way to each waypoint (w, 3), per second.
+
+        The look at the start, which all ways share, does not count; that on arrival does.
+        """
         vehicle, sensor = self.setup.vehicles[problem.robot], self.setup.sensors[problem.robot]
         way = ways(problem, self.setup, waypoints, problem.measure_period)
         seconds = way.steps * vehicle.control_period
         detected = np.zeros(len(waypoints))
         if len(way.measure_poses):
-            missed = np.log(np.maximum(1.0 - sensor.detection(targets, way.measure_poses), CERTAIN))
+            ends = np.array([vehicle.pose(state) for state in way.end_states])
+            missed = _log_missed(sensor, targets, way.measure_poses)
             upto = np.vstack([np.zeros((1, missed.shape[1])), np.cumsum(missed, axis=0)])
-            all_missed = np.exp(upto[way.offsets[1:]] - upto[way.offsets[:-1]])
-            detected = (1.0 - all_missed).sum(axis=1)
+            first = np.minimum(way.offsets[:-1] + 1, way.offsets[1:])
+            all_missed = upto[way.offsets[1:]] - upto[first] + _log_missed(sensor, targets, ends)
+            detected = (1.0 - np.exp(all_missed)).sum(axis=1)
         return np.where(way.steps > 0, detected / np.maximum(seconds, problem.measure_period), -np.inf)
+
+
+def _log_missed(sensor: SensorModel, targets: FloatArray, poses: FloatArray) -> FloatArray:
+    """log(1 - p_D) (k, t) of targets (d, t) from poses (k, 4)."""
+    return np.asarray(np.log(np.maximum(1.0 - sensor.detection(targets, poses), CERTAIN)))
