@@ -48,6 +48,7 @@ def _floats(*shape: Dimension) -> ArraySpec:
 ARRAYS: dict[type[m.Message], dict[str, ArraySpec]] = {
     m.PoseMessage: {"pose": _floats(4), "velocity": _floats(3)},
     m.MeasurementSetMessage: {"pose": _floats(4), "measurements": _floats("m", "s")},
+    m.SoftObservationMessage: {"points": _floats("p", 2)},
     m.PlanMessage: {
         "waypoint": _floats(3),
         "measure_times": _floats("m"),
@@ -75,7 +76,15 @@ ARRAYS: dict[type[m.Message], dict[str, ArraySpec]] = {
 
 # Bounds of the letters; a letter that is not here may be 0 or more. They also rule out arrays without bytes
 # that claim a huge length on another axis.
-LIMITS = {"d": (2, 3), "s": (1, 16)}
+LIMITS = {"d": (2, 3), "s": (1, 16), "p": (1, 64)}
+
+# Of a soft observation: how many points each relation may have, and how large its metres may be.
+POINTS = {
+    **dict.fromkeys(("near", "around", "far"), (1, 1)),
+    **dict.fromkeys(("inside", "outside"), (3, 64)),
+    **dict.fromkeys(("in_front", "behind", "left", "right"), (1, 2)),
+}
+FARTHEST_M = 1e7
 
 _DTYPES = {name: np.dtype(name) for name in ("<f8", "<f4", "|u1", "<i8")}
 
@@ -203,6 +212,24 @@ def _check(message: m.Message) -> None:
                 raise MalformedMessage("wrong_shape", f"{name}: {array.shape} where {lengths} hold")
             if dtype.kind == "f" and not _finite(array):
                 raise MalformedMessage("not_finite", name)
+    if isinstance(message, m.SoftObservationMessage):
+        _check_soft_observation(message)
+
+
+def _check_soft_observation(message: m.SoftObservationMessage) -> None:
+    """What its fields must be for the relation. Whether a polygon makes sense is the receiver's to see."""
+    fewest, most = POINTS[message.relation]
+    if not fewest <= len(message.points) <= most:
+        raise MalformedMessage("wrong_shape", f"points: {len(message.points)} for {message.relation!r}")
+    if np.abs(message.points).max() > FARTHEST_M:
+        raise MalformedMessage("wrong_type", f"points: beyond {FARTHEST_M:g} m")
+    inner, outer = message.inner, message.outer
+    if most == 1 and not 0.0 < inner < outer <= FARTHEST_M:
+        raise MalformedMessage("wrong_type", f"inner, outer: {inner:g} and {outer:g} m for a distance")
+    if most == 2 and not (inner == 0.0 and 0.0 <= outer <= FARTHEST_M):
+        raise MalformedMessage("wrong_type", f"inner, outer: {inner:g} and {outer:g} m for a side")
+    if fewest == 3 and (inner, outer) != (0.0, 0.0):
+        raise MalformedMessage("wrong_type", f"inner, outer: {inner:g} and {outer:g} m for a region")
 
 
 def _finite(array: m.Array) -> bool:

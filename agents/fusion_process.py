@@ -13,13 +13,13 @@ from agents.health import health_message
 from agents.histogram import Histogram
 from agents.ledger import Ledger
 from agents.machine import Event, Heard, Publish, Store
-from agents.messages import MeasurementSetMessage, StartMessage
+from agents.messages import LedgerEntry, MeasurementSetMessage, StartMessage
 from agents.mission import Mission
 from agents.mission_file import mission_hash
 from agents.rehearsal import rehearse_fusion
 from agents.shell import HEALTH_PERIOD_S, Shell, run_until_done
 from agents.team import Team
-from agents.topics import EVENT, HEALTH, PICTURE, POSTERIOR, SET, START
+from agents.topics import EVENT, HEALTH, PICTURE, POSTERIOR, SET, SOFT_OBSERVATION, START
 from agents.transport import PeerChange
 
 NAME = "fusion"
@@ -55,6 +55,7 @@ async def _main(mission: Mission, path: Path, connect: Sequence[str], speed: flo
     with Ledger(path) as ledger:
         async with Shell(mission, "fusion", name, connect) as shell:
             shell.transport.subscribe(SET)
+            shell.transport.subscribe(SOFT_OBSERVATION)
             for topic in (START, POSTERIOR, PICTURE, HEALTH, EVENT):
                 shell.transport.prepare(topic)
             process = FusionProcess(shell, team, ledger, speed)
@@ -108,9 +109,11 @@ class FusionProcess:
         if epoch is not None:
             self._speed = float(ledger.fact("speed") or 1.0)
             shell.clock = TeamClock(float(epoch), self._speed)
-            sets = list(ledger.replay(shell.mission.team))
-            self._fusion.restore(sets)
-            shell.announce(f"goes on with a ledger of {len(sets)} sets")
+            entries = list(ledger.replay(shell.mission.team))
+            self._fusion.restore(entries)
+            sets = sum(isinstance(entry, MeasurementSetMessage) for entry in entries)
+            said = f" and {len(entries) - sets} soft observations" if len(entries) > sets else ""
+            shell.announce(f"goes on with a ledger of {sets} sets{said}")
             return True
         wanted = {robot.id for robot in shell.mission.robots}
         deadline = time.monotonic() + shell.mission.settings.start_timeout_s
@@ -143,7 +146,7 @@ class FusionProcess:
                 shell.announce(f"{event.peer.id} {verb}", "info" if event.alive else "warning")
         for action in self._fusion.step(shell.clock.now(), events):
             if isinstance(action, Store):
-                self._ledger.store(action.sets)
+                self._ledger.store(action.entries)
             elif isinstance(action, Publish):
                 shell.publish(action.topic, action.message)
         self._measure_latency(events)
@@ -183,7 +186,7 @@ class FusionProcess:
 
 
 def _capture_time(event: Event) -> float:
-    """For the order in which a backlog is taken; what is no measurement set comes first."""
-    if isinstance(event, Heard) and isinstance(event.message, MeasurementSetMessage):
+    """For the order in which a backlog is taken; what is not for the ledger comes first."""
+    if isinstance(event, Heard) and isinstance(event.message, LedgerEntry):
         return event.message.time
     return float("-inf")

@@ -15,6 +15,7 @@ GROUP = "searchparty.commands"
 # What --help says of our own; another package's command is listed with the package's name.
 SHORT_HELP = {
     "calibrate": "Estimate sensors from a recording with known truth.",
+    "observe": "Tell a running team what you see.",
     "simulate": "Run a mission in virtual time for many seeds.",
     "watch": "Show a running team, and record the picture.",
 }

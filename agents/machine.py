@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TypedDict
 
-from agents.messages import MeasurementSetMessage, Message
+from agents.messages import LedgerEntry, Message
 from agents.topics import Topic
 from agents.transport import PeerChange
 from estimator.arrays import FloatArray
@@ -77,9 +77,9 @@ class RequestPlan:
 
 @dataclass(frozen=True, slots=True)
 class Store:
-    """Make these sets durable before any action after this one is carried out."""
+    """Make these durable before any action after this one is carried out."""
 
-    sets: Sequence[MeasurementSetMessage]
+    entries: Sequence[LedgerEntry]
 
 
 Action = Publish | Follow | Measure | RequestPlan | Store

@@ -5,7 +5,7 @@ number (per sender, boot and topic) and capture time in team time. Arrays have f
 receipt by `codec.decode`; d is the dimension of the target space.
 """
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
@@ -56,6 +56,26 @@ class MeasurementSetMessage(Message, frozen=True, kw_only=True):
     measurements: Array  # (m, s)
 
 
+Relation = Literal["near", "around", "far", "inside", "outside", "in_front", "behind", "left", "right"]
+Slope = Annotated[float, Meta(gt=0, le=1000)]  # 1/m, of the log-odds across a border
+
+
+class SoftObservationMessage(Message, frozen=True, kw_only=True):
+    """What an operator says of a place: "something (nothing, cone 3) is near it". Holds the place itself."""
+
+    relation: Relation
+    points: Array  # (p, 2) m: one place; or the corners of a region; or the two ends of a segment
+    yaw: float  # rad, of a place that has a front; else 0
+    inner: float  # m: "near" reaches this far; 0 where the relation is no distance
+    outer: float  # m: "around" reaches this far; for sides: further away is elsewhere, 0: never
+    slope: Slope
+    positive: bool  # false: nothing, or not the target, is there
+    target: Annotated[str, Meta(max_length=64)]  # its name; "": something, or nothing
+
+
+LedgerEntry = MeasurementSetMessage | SoftObservationMessage  # what the fusion keeps and applies
+
+
 class PlanMessage(Message, frozen=True, kw_only=True):
     """A committed trajectory, and the plans of others that it took into account."""
 
@@ -73,16 +93,16 @@ class PlanMessage(Message, frozen=True, kw_only=True):
 
 
 class Watermark(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What of one robot's boot is durable and applied: all of 0..upto, and each of beyond."""
+    """What of one robot's or operator's boot is durable and applied: all of 0..upto, and each of beyond."""
 
     upto: Annotated[int, Meta(ge=-1)]
     beyond: list[int] = []
 
 
 class PosteriorMessage(Message, frozen=True, kw_only=True):
-    """The team's estimate after everything the watermark covers. `time` is of the newest applied set."""
+    """The team's estimate after everything the watermark covers. `time` is of the newest applied one."""
 
-    watermark: dict[str, Watermark]  # "robot/boot" ->
+    watermark: dict[str, Watermark]  # "robot/boot" or "operator/boot" ->
     applied: Sequence  # measurement sets in the posterior
     expected_cardinality: float  # mass of the intensity plus the found targets that left it
     means: Array  # (d, c) clusters
@@ -117,6 +137,7 @@ class EventMessage(Message, frozen=True, kw_only=True):
 
     level: Annotated[str, Meta(pattern="^(info|warning|error)$")]
     text: Text
+    about: Annotated[str, Meta(max_length=200)] = ""  # "sender/boot/sequence" of what is answered, if any
 
 
 class TruthMessage(Message, frozen=True, kw_only=True):

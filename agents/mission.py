@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from agents.messages import Name
+from agents.messages import Name, Relation, Slope
 from estimator.arrays import Count, FloatArray, NonNegative, Positive
 from estimator.filter import Area
 
@@ -115,6 +115,21 @@ class RobotTable(Strict, frozen=True, kw_only=True):
     sensor: Table
 
 
+class StatementTable(Strict, frozen=True, kw_only=True):
+    """What an operator says in a simulated run."""
+
+    at_s: NonNegative  # team time
+    relation: Relation
+    at: Annotated[list[Annotated[list[float], Meta(min_length=2, max_length=2)]], Meta(min_length=1)]
+    yaw_deg: float = 0.0  # where the front is, of one place; counter-clockwise from east
+    radius_m: Positive = 10.0  # "near" reaches this far
+    outer_m: Positive | None = None  # "around" begins there and reaches this far; default: twice radius_m
+    reach_m: Positive | None = None  # of a side: what is further away is neither in front nor behind
+    slope: Slope = 1.0  # 1/m, of the log-odds across a border: 4.4 / slope metres from 10 to 90 %
+    positive: bool = True  # false: nothing is there, or the target is not
+    target: Annotated[str, Meta(max_length=64)] = ""  # its name; left out: something, or nothing
+
+
 class Mission(Strict, frozen=True, kw_only=True):
     """The whole file."""
 
@@ -141,6 +156,7 @@ class Mission(Strict, frozen=True, kw_only=True):
     settings: TeamTable = TeamTable()
     restart: RestartTable = RestartTable()
     robots: Annotated[list[RobotTable], Meta(min_length=1)]
+    statements: list[StatementTable] = []
 
     def box(self) -> Area:
         """The area as arrays."""

@@ -7,6 +7,7 @@ from typing import Any
 from agents import plugins
 from agents.errors import SearchpartyError
 from agents.mission import Mission
+from agents.statements import said
 from agents.tables import Problem, check, nearest, show
 
 # The tables that a plugin defines: the key in the mission -> the group of entry points that holds the kinds.
@@ -68,6 +69,7 @@ def check_mission(mission: Mission) -> list[Problem]:
         *_robots(mission),
         *_map(mission),
         *_link(mission),
+        *_statements(mission),
     ]
 
 
@@ -148,3 +150,26 @@ def _link(mission: Mission) -> list[Problem]:
         for i, endpoint in enumerate(link.endpoints)
         if not _ENDPOINT.match(endpoint)
     ]
+
+
+def _statements(mission: Mission) -> list[Problem]:
+    """Statements whose keys do not fit together, or that nobody listens to."""
+    problems = []
+    for i, table in enumerate(mission.statements):
+        try:
+            said(table)
+        except ValueError as error:
+            problems.append(Problem(f"statements[{i}]", f"wrong {error}"))
+    if mission.statements and deaf(mission.filter):
+        listening = [kind for kind in plugins.kinds("filters") if not deaf({"kind": kind})]
+        allowed = f"a filter that takes soft observations: {', '.join(listening) or 'none is installed'}"
+        problems.append(Problem("filter.kind", show(mission.filter.get("kind")), allowed))
+    return problems
+
+
+def deaf(table: Mapping[str, Any]) -> bool:
+    """Whether a mission's filter, as far as it can be loaded, takes no soft observations."""
+    try:
+        return not hasattr(plugins.load("filters", str(table.get("kind"))), "observe")
+    except (SearchpartyError, ImportError, AttributeError):
+        return False  # which the table's own check reports

@@ -4,12 +4,19 @@ Compiled kernels wait on the disk, but taking one from there holds a process up 
 and its first measurement would be late by the sum of them.
 """
 
+from typing import Any
+
 import numpy as np
 
 from agents.mission import start_pose
 from agents.team import Team
+from estimator.arrays import FloatArray
 from estimator.exploration import Exploration
+from estimator.filter import Listening
 from estimator.maps.line_of_sight import LineOfSight
+from estimator.search import Search
+from estimator.soft.models import ranges
+from estimator.soft.statement import SoftObservation
 from planner.maasi.trigger import worth_measuring
 from planner.plan import Commitment, PlanProblem
 
@@ -77,4 +84,14 @@ def rehearse_fusion(team: Team) -> None:
             inner, _ = search.filter.clusters(inner, rng)
         if len(team.sensor_models) > 4:
             break  # the kernels are the same; more sets only take more time
+    if isinstance(search.filter, Listening):
+        _rehearse_statements(search, targets[:2, 0])
     search.thinned(state, 10)
+
+
+def _rehearse_statements(search: Search[Any], place: FloatArray) -> None:
+    """An operator may speak at any time; the first words must not wait for a compiler."""
+    model = ranges(place, 2.0, 4.0, 1.0, dimension=search.area.dimension)
+    for positive in (True, False):
+        rng = np.random.default_rng(0)
+        search.observe(search.init(rng), SoftObservation.of(model, "near", positive=positive), 0.0, rng)

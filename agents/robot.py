@@ -58,7 +58,7 @@ class Robot:
         self.belief = Belief(
             self.id, self._area, tuple(mission.exploration.points), setup.sensors, setup.periods
         )
-        self.unacknowledged = Unacknowledged(
+        self.unacknowledged: Unacknowledged[MeasurementSetMessage] = Unacknowledged(
             setup.boot, mission.settings.reoffer_after_s * max(1.0, setup.patience)
         )
         rank = self._order.index(self.id) if now < setup.stagger_s else 0

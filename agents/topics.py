@@ -34,6 +34,9 @@ class Topic:
 
 POSE = Topic("pose", m.PoseMessage, False, 0, 5.0, 256, Drop.LATEST_ONLY, 2_000, 2.0, "peer counts as silent")
 SET = Topic("set", m.MeasurementSetMessage, True, 64, 1.0, 4096, Drop.OLDEST, 200_000, 0.0, "never")
+SOFT_OBSERVATION = Topic(
+    "soft_observation", m.SoftObservationMessage, True, 64, 0.0, 1024, Drop.OLDEST, 4_000, 0.0, "never"
+)
 PLAN = Topic(
     "plan", m.PlanMessage, True, 1, 0.1, 256, Drop.LATEST_ONLY, 400_000, 0.0, "robot stands at its end"
 )
@@ -67,7 +70,7 @@ EVENT = Topic("event", m.EventMessage, True, 16, 0.0, 1024, Drop.OLDEST, 4_000, 
 TRUTH = Topic("truth", m.TruthMessage, True, 1, 1.0, 4, Drop.LATEST_ONLY, 2_000_000, 0.0, "never")
 
 TOPICS: dict[str, Topic] = {
-    t.name: t for t in (POSE, SET, PLAN, POSTERIOR, PICTURE, START, HEALTH, EVENT, TRUTH)
+    t.name: t for t in (POSE, SET, SOFT_OBSERVATION, PLAN, POSTERIOR, PICTURE, START, HEALTH, EVENT, TRUTH)
 }
 
 

@@ -25,7 +25,7 @@ class Received:
 class Peer:
     """A process whose liveliness token stands."""
 
-    role: str  # "robot", "fusion", "watch", "swarm"
+    role: str  # "robot", "fusion", "operator", "watch", "swarm"
     id: str
     boot: str
 

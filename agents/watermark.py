@@ -1,17 +1,17 @@
-"""Which measurement sets of a robot's boot are durable and applied, in few numbers."""
+"""Which sets or soft observations of a sender's boot are durable and applied, in few numbers."""
 
 from collections.abc import Iterable
 
-from agents.messages import MeasurementSetMessage, Watermark
+from agents.messages import LedgerEntry, Watermark
 
 
-def source(robot: str, boot: str) -> str:
-    """The name under which a posterior's watermark lists one boot of one robot."""
-    return f"{robot}/{boot}"
+def source(sender: str, boot: str) -> str:
+    """The name under which a posterior's watermark lists one boot of one robot or operator."""
+    return f"{sender}/{boot}"
 
 
 class Applied:
-    """Grows as sets are applied; `watermarks()` is what the posterior carries."""
+    """Grows as entries of the ledger are applied; `watermarks()` is what the posterior carries."""
 
     def __init__(self) -> None:
         self._upto: dict[str, int] = {}
@@ -20,12 +20,12 @@ class Applied:
     def __repr__(self) -> str:
         return f"Applied({self.watermarks()})"
 
-    def __contains__(self, message: MeasurementSetMessage) -> bool:
+    def __contains__(self, message: LedgerEntry) -> bool:
         name = source(message.sender, message.boot)
         return message.sequence <= self._upto.get(name, -1) or message.sequence in self._beyond.get(name, ())
 
-    def add(self, message: MeasurementSetMessage) -> None:
-        """Count a set as applied."""
+    def add(self, message: LedgerEntry) -> None:
+        """Count an entry as applied."""
         name = source(message.sender, message.boot)
         beyond = self._beyond.setdefault(name, set())
         beyond.add(message.sequence)
@@ -36,7 +36,7 @@ class Applied:
         self._upto[name] = upto
 
     def watermarks(self) -> dict[str, Watermark]:
-        """By robot and boot."""
+        """By sender and boot."""
         return {
             name: Watermark(upto=upto, beyond=sorted(self._beyond[name])) for name, upto in self._upto.items()
         }

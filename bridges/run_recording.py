@@ -45,7 +45,8 @@ def read_run(directory: Path) -> tuple[Mission, dict[str, Recording]]:
     sets: dict[str, list[MeasurementSetMessage]] = defaultdict(list)
     with Ledger(run.ledger) as ledger:
         for message in ledger.replay(mission.team):
-            sets[message.sender].append(message)
+            if isinstance(message, MeasurementSetMessage):
+                sets[message.sender].append(message)
     for messages in sets.values():
         messages.sort(key=lambda message: message.time)
     out = {}

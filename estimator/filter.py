@@ -4,13 +4,16 @@ A filter's state is frozen; every call returns a new one, so that the fusion can
 """
 
 from dataclasses import dataclass
-from typing import Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Generic, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 
 from estimator.arrays import BoolArray, FloatArray, IntArray
 from estimator.maps.occupancy import OccupancyMap
 from estimator.sensor import SensorModel
+
+if TYPE_CHECKING:
+    from estimator.soft.statement import SoftObservation
 
 State = TypeVar("State")
 
@@ -87,3 +90,25 @@ class Filter(Protocol, Generic[State]):
 
     def thinned(self, state: State, size: int) -> tuple[FloatArray, FloatArray]:
         """At most `size` points (d, k) with weights (k,) that stand for the intensity, for people."""
+
+
+@runtime_checkable
+class Listening(Protocol):
+    """What a filter has besides `Filter` if operators' soft observations can change its state."""
+
+    def observe(
+        self,
+        state: State,
+        statement: "SoftObservation",
+        rng: np.random.Generator,
+        *,
+        known: FloatArray | None = None,
+    ) -> State:
+        """The posterior after a statement.
+
+        `known` (f,) is the probability of the statement's category at each target that was found and is no
+        longer in the state: "something is near" may speak of one of them.
+
+        Raises:
+            ValueError: if the filter cannot take this statement; says why.
+        """

@@ -12,10 +12,11 @@ import numpy as np
 
 from estimator.arrays import BoolArray, FloatArray, IntArray
 from estimator.exploration import Exploration
-from estimator.filter import Area, Clusters, Filter
+from estimator.filter import Area, Clusters, Filter, Listening
 from estimator.sensor import SensorModel, checked_poses, validated
 from estimator.sensors.known import bare, with_known
 from estimator.sensors.teammates import Poses, Teammates
+from estimator.soft.statement import SoftObservation
 
 State = TypeVar("State")
 
@@ -151,11 +152,34 @@ class Search(Generic[State]):
             exploration=state.exploration.after(bare(sensor), pose),
             sets=state.sets + 1,
         )
-        if now - state.clustered < self.period:
-            return state
-        inner, clusters = self.filter.clusters(inner, rng)
-        state = replace(state, filter_state=inner, clusters=clusters, clustered=now)
-        return self._with_new_found(state) if self.remove else self._with_followed(state)
+        return self._clustered(state, rng)
+
+    def observe(
+        self,
+        state: SearchState[State],
+        statement: SoftObservation,
+        capture_time: float,
+        rng: np.random.Generator,
+    ) -> SearchState[State]:
+        """The estimate after an operator's statement that was true at time `capture_time`.
+
+        One older than the newest set is applied as if it were said with it. Nobody looked, so the exploration
+        function stays as it is.
+
+        Raises:
+            ValueError: if the time is not finite, or the filter cannot take the statement; says why.
+        """
+        if not np.isfinite(capture_time):
+            raise ValueError(f"capture_time: must be finite, got {capture_time}")
+        if not isinstance(self.filter, Listening):
+            raise ValueError("filter: it takes no soft observations")
+        now = max(capture_time, state.time)
+        inner = self.filter.predict(state.filter_state, now - state.time, rng)
+        known = None
+        if self.remove and state.found.shape[1]:
+            known = statement.softmax.probabilities(state.found)[statement.category]
+        inner = self.filter.observe(inner, statement, rng, known=known)
+        return self._clustered(replace(state, time=now, filter_state=inner), rng)
 
     def expected_cardinality(self, state: SearchState[State]) -> float:
         """Mass of the intensity plus found targets that are no longer in it."""
@@ -165,6 +189,14 @@ class Search(Generic[State]):
     def thinned(self, state: SearchState[State], size: int) -> tuple[FloatArray, FloatArray]:
         """At most `size` points (d, k) with weights (k,) that stand for the intensity, for people."""
         return self.filter.thinned(state.filter_state, size)
+
+    def _clustered(self, state: SearchState[State], rng: np.random.Generator) -> SearchState[State]:
+        """With clusters and found targets as they are now, unless they were looked for a moment ago."""
+        if state.time - state.clustered < self.period:
+            return state
+        inner, clusters = self.filter.clusters(state.filter_state, rng)
+        state = replace(state, filter_state=inner, clusters=clusters, clustered=state.time)
+        return self._with_new_found(state) if self.remove else self._with_followed(state)
 
     def _without_found(
         self, state: SearchState[State], sensor: SensorModel, pose: FloatArray, measurements: FloatArray

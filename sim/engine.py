@@ -21,7 +21,7 @@ from agents.seeds import generator
 from agents.team import Team
 from agents.topics import EVENT, HEALTH, TOPICS, Topic
 from sim.network import NetworkConditions, SimulatedNetwork
-from sim.nodes import FusionNode, Node, RobotNode
+from sim.nodes import FusionNode, Node, OperatorNode, RobotNode
 from sim.planning import PlanService
 
 UNDERWAY = 256  # messages whose bytes are remembered
@@ -60,6 +60,8 @@ class Engine:
         self.fusion = FusionNode(self)
         self.robots = [RobotNode(self, robot.id) for robot in team.mission.robots]
         self._nodes: list[Node] = [self.fusion, *self.robots]
+        if team.mission.statements:
+            self._nodes.append(OperatorNode(self))
 
     def __repr__(self) -> str:
         return f"Engine({self.team.mission.name}, seed={self.seed}, now={self.clock.now():.3f})"
@@ -106,7 +108,7 @@ class Engine:
             assert isinstance(node, RobotNode)
             self.planning.request(action.problem, lambda plan: node.tell(Planned(action.number, plan)))
         elif isinstance(action, Store) and self._ledger is not None:
-            self._ledger.store(action.sets)
+            self._ledger.store(action.entries)
 
     def publish(self, node: Node, topic: Topic, message: Message) -> None:
         """Send, keep score and log."""

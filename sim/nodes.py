@@ -12,9 +12,11 @@ from agents.histogram import Histogram
 from agents.machine import Action, Event, Publish
 from agents.mailbox import Mailbox
 from agents.messages import HealthMessage, PosteriorMessage
+from agents.operator_agent import Operator
 from agents.plan_request import RobotSetup
 from agents.robot import Robot
-from agents.topics import PICTURE, PLAN, POSE, POSTERIOR, SET
+from agents.statements import said
+from agents.topics import EVENT, PICTURE, PLAN, POSE, POSTERIOR, SET, SOFT_OBSERVATION
 from agents.transport import Peer, PeerChange
 from sim.network import SimulatedTransport
 
@@ -150,6 +152,7 @@ class FusionNode(Node):
 
     def _subscribe(self) -> None:
         self.transport.subscribe(SET)
+        self.transport.subscribe(SOFT_OBSERVATION)
 
     def step(self, events: list[Event]) -> None:
         now = self.engine.clock.now()
@@ -172,4 +175,39 @@ class FusionNode(Node):
             self.fusion.counters,
             {},
             {"capture_to_posterior_ms": self.engine.capture_to_posterior_ms},
+        )
+
+
+class OperatorNode(Node):
+    """Somebody who says what the mission's statements tell, each at its time."""
+
+    def __init__(self, engine: Engine) -> None:
+        super().__init__(engine, "operator", "operator")
+        mission = engine.team.mission
+        self.operator = Operator(mission, "operator", BOOT)
+        for table in mission.statements:
+            self.operator.plan(table.at_s, said(table))
+
+    def _subscribe(self) -> None:
+        for topic in (POSTERIOR, EVENT):
+            self.transport.subscribe(topic, urgent=False)
+
+    def step(self, events: list[Event]) -> None:
+        for action in self.operator.step(self.engine.clock.now(), events):
+            self.engine.perform(self, action)
+
+    def next_wake(self) -> float:
+        return self.operator.next_wake()
+
+    def health(self) -> HealthMessage:
+        return health_message(
+            self.operator.stamp,
+            self.engine.clock.now(),
+            "operator",
+            "speaking",
+            self.mailbox,
+            self.transport.statistics(),
+            {"soft_observations": self.operator.stamp.sent(SOFT_OBSERVATION)},
+            {},
+            {},
         )

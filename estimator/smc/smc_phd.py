@@ -29,6 +29,8 @@ from estimator.smc.regularisation import REACH
 from estimator.smc.resampling import systematic
 from estimator.smc.state import SmcPhdState, moved, with_velocities
 from estimator.smc.super_particles import at_most
+from estimator.soft.intensity import agreeing, factors
+from estimator.soft.statement import SoftObservation
 from estimator.undetected import Undetected
 
 # A measurement is left to the particles if they explain it so much better than the undetected part does,
@@ -166,6 +168,36 @@ class SmcPhd:
             unborn=0.0,
         )
         return self._joined(state, arrivals, rng) if arrivals else state
+
+    def observe(
+        self,
+        state: SmcPhdState,
+        statement: SoftObservation,
+        rng: np.random.Generator,
+        *,
+        known: FloatArray | None = None,
+    ) -> SmcPhdState:
+        """An operator's statement by the factors of `estimator.soft.intensity`; draws nothing.
+
+        What of the intensity was never detected stays on its grid, so what is said of it is as sharp as that.
+        What cannot have been is ignored: "something is" where no target can be.
+
+        Raises:
+            ValueError: if the statement names a target, or its dimension is another.
+        """
+        d = state.centres.shape[0]
+        if statement.softmax.dimension != d:
+            raise ValueError(f"softmax: a model in {statement.softmax.dimension} dimensions, expected {d}")
+        points, weights = self.points(state)
+        factor = factors(statement, agreeing(statement, points), weights, known)
+        n = state.weights.size
+        state = replace(state, weights=state.weights * factor[:n])
+        if state.places is not None:
+            return state
+        old = state.undetected
+        there = factor[n:].reshape(old.values.shape)
+        parts = None if old.parts is None else old.parts * there
+        return replace(state, undetected=replace(old, values=old.values * there, parts=parts))
 
     def clusters(self, state: SmcPhdState, rng: np.random.Generator) -> tuple[SmcPhdState, Clusters]:
         """K-means of the particles, see `estimator.smc.clustering`. Draws nothing."""

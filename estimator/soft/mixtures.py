@@ -201,7 +201,12 @@ class Mixtures:
         return replace(state, mixtures=tuple(mixtures), kinds=kinds)
 
     def observe(
-        self, state: MixturesState, statement: SoftObservation, rng: np.random.Generator
+        self,
+        state: MixturesState,
+        statement: SoftObservation,
+        rng: np.random.Generator,
+        *,
+        known: FloatArray | None = None,
     ) -> MixturesState:
         """(21) with an operator's statement.
 
@@ -209,7 +214,8 @@ class Mixtures:
         near the tree" holds for one, each as likely before: with l_i = E_i[p(statement | x_i)] it is target i
         with probability l_i / sum l, and a target's density is the mixture of what it would be if it is meant
         and what it was. (The paper cites the naive association of Ahmed et al. 2013 without equations; this
-        is the exact marginal under that assumption.)
+        is the exact marginal under that assumption.) Targets found before may be meant too: `known` (f,) are
+        their l_i.
 
         Raises:
             ValueError: if the statement's target is not among those left, or its dimension is another.
@@ -238,8 +244,8 @@ class Mixtures:
             told[i], logs[i] = self._told(state.mixtures[i], statement, units)
         meant = np.ones(count)
         if statement.target is None and statement.positive:
-            meant = np.exp(logs - logs.max())
-            meant /= meant.sum()
+            others = np.zeros(0) if known is None else np.log(known[known > 0.0])
+            meant = np.exp(logs - np.logaddexp.reduce(np.append(logs, others)))
             for kind in np.unique(kinds[kinds >= 0]):  # of those alike, the first may as well be the one
                 alike = np.flatnonzero(kinds == kind)
                 meant[alike[0]] = meant[alike].sum()

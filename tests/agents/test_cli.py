@@ -17,7 +17,7 @@ from agents.errors import LinkError, StorageError
 from tests.agents import fake_kinds
 from tests.agents.fake_kinds import MISSION
 
-COMMANDS = ("swarm", "robot", "fusion", "check", "warm", "simulate", "watch")
+COMMANDS = ("swarm", "robot", "fusion", "check", "warm", "simulate", "watch", "observe")
 
 
 @pytest.fixture(autouse=True)

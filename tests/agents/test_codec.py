@@ -14,7 +14,20 @@ from agents import codec
 from agents import messages as m
 from agents.errors import MalformedMessage
 from agents.histogram import BINS
-from agents.topics import EVENT, HEALTH, PICTURE, PLAN, POSE, POSTERIOR, SET, START, TOPICS, TRUTH, Topic
+from agents.topics import (
+    EVENT,
+    HEALTH,
+    PICTURE,
+    PLAN,
+    POSE,
+    POSTERIOR,
+    SET,
+    SOFT_OBSERVATION,
+    START,
+    TOPICS,
+    TRUTH,
+    Topic,
+)
 
 REASONS = {
     "oversize",
@@ -38,6 +51,17 @@ def examples(seed: int = 0, d: int = 2, m_: int = 3, c: int = 2, f: int = 1) -> 
         ),
         "set": m.MeasurementSetMessage(
             **HEAD, pose=rng.normal(size=4), measurements=rng.normal(size=(m_, d))
+        ),
+        "soft_observation": m.SoftObservationMessage(
+            **HEAD,
+            relation="inside",
+            points=rng.normal(size=(3 + m_, 2)),
+            yaw=0.0,
+            inner=0.0,
+            outer=0.0,
+            slope=2.0,
+            positive=bool(seed % 2),
+            target="cone 3" if c else "",
         ),
         "plan": m.PlanMessage(
             **HEAD,
@@ -81,7 +105,7 @@ def examples(seed: int = 0, d: int = 2, m_: int = 3, c: int = 2, f: int = 1) -> 
             gauges={"cpu": 0.2},
             histograms={"plan_ms": rng.integers(0, 9, BINS)},
         ),
-        "event": m.EventMessage(**HEAD, level="info", text="found a target"),
+        "event": m.EventMessage(**HEAD, level="info", text="found a target", about="o/b0/3" if c else ""),
         "truth": m.TruthMessage(**HEAD, targets=rng.normal(size=(d, c))),
     }
 
@@ -242,6 +266,22 @@ def test_another_schema_version_is_named(version: Any) -> None:
         (START, {"speed": 0.0}),
         (EVENT, {"level": "fatal"}),
         (EVENT, {"text": "x" * 2001}),
+        (EVENT, {"about": "x" * 201}),
+        (SOFT_OBSERVATION, {"relation": "beside"}),
+        (SOFT_OBSERVATION, {"slope": 0.0}),
+        (SOFT_OBSERVATION, {"slope": math.inf}),
+        (SOFT_OBSERVATION, {"slope": 1001.0}),
+        (SOFT_OBSERVATION, {"positive": 1}),
+        (SOFT_OBSERVATION, {"target": None}),
+        (SOFT_OBSERVATION, {"target": "x" * 65}),
+        (SOFT_OBSERVATION, {"outer": 5.0}),  # a region has no distance
+        (SOFT_OBSERVATION, {"points": wire([[0, 0], [1e8, 0], [0, 1]])}),
+        (SOFT_OBSERVATION, {"relation": "near", "points": wire([[0, 0]])}),
+        (SOFT_OBSERVATION, {"relation": "near", "points": wire([[0, 0]]), "inner": 4.0, "outer": 4.0}),
+        (SOFT_OBSERVATION, {"relation": "far", "points": wire([[0, 0]]), "inner": -1.0, "outer": 4.0}),
+        (SOFT_OBSERVATION, {"relation": "near", "points": wire([[0, 0]]), "inner": 1.0, "outer": 1e8}),
+        (SOFT_OBSERVATION, {"relation": "left", "points": wire([[0, 0]]), "inner": 1.0}),
+        (SOFT_OBSERVATION, {"relation": "left", "points": wire([[0, 0]]), "outer": -1.0}),
         (PLAN, {"conditioned_on": {"r2": 1.5}}),
         (POSTERIOR, {"watermark": {"r1/b": {"upto": -2}}}),
         (HEALTH, {"histograms": {"plan_ms": wire(np.zeros(BINS))}}),
@@ -259,7 +299,15 @@ def test_a_foreign_team_or_sender_is_named() -> None:
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize(
     ("topic", "field"),
-    [(POSE, "time"), (POSE, "travelled"), (PLAN, "objective"), (POSTERIOR, "expected_cardinality")],
+    [
+        (POSE, "time"),
+        (POSE, "travelled"),
+        (PLAN, "objective"),
+        (POSTERIOR, "expected_cardinality"),
+        (SOFT_OBSERVATION, "yaw"),
+        (SOFT_OBSERVATION, "inner"),
+        (SOFT_OBSERVATION, "outer"),
+    ],
 )
 def test_numbers_that_are_not_finite_are_named(topic: Topic, field: str, bad: float) -> None:
     assert reason(topic, changed(topic, **{field: bad})) == "not_finite"
@@ -270,6 +318,8 @@ def test_arrays_and_gauges_that_are_not_finite_are_named(bad: float) -> None:
     assert reason(POSE, changed(POSE, pose=wire([0, bad, 0, 0]))) == "not_finite"
     assert reason(SET, changed(SET, measurements=wire([[1, 2], [bad, 1]]))) == "not_finite"
     assert reason(TRUTH, changed(TRUTH, targets=wire([[bad], [0]]))) == "not_finite"
+    corners = wire([[0, 0], [bad, 0], [0, 1]])
+    assert reason(SOFT_OBSERVATION, changed(SOFT_OBSERVATION, points=corners)) == "not_finite"
     assert reason(PICTURE, changed(PICTURE, weights=wire([bad] * 7, "<f4"))) == "not_finite"
     assert reason(HEALTH, changed(HEALTH, gauges={"cpu": bad})) == "not_finite"
 
@@ -293,6 +343,12 @@ def test_huge_finite_numbers_are_finite() -> None:
         (SET, {"measurements": wire([1, 2])}),
         (SET, {"measurements": {"d": "<f8", "s": [2**31 - 1, 0], "b": b""}}),
         (SET, {"measurements": wire(np.zeros((1, 17)))}),
+        (SOFT_OBSERVATION, {"points": wire(np.zeros((3, 3)))}),
+        (SOFT_OBSERVATION, {"points": wire(np.zeros((0, 2)))}),
+        (SOFT_OBSERVATION, {"points": wire(np.zeros((2, 2)))}),  # no region
+        (SOFT_OBSERVATION, {"points": wire(np.zeros((65, 2)))}),
+        (SOFT_OBSERVATION, {"relation": "near", "points": wire(np.zeros((2, 2)))}),
+        (SOFT_OBSERVATION, {"relation": "behind", "points": wire(np.zeros((3, 2)))}),
         (PLAN, {"measure_times": wire([1.0])}),
         (PLAN, {"poses": wire(np.zeros((2, 3)))}),
         (POSTERIOR, {"found": wire(np.zeros((3, 1)))}),
@@ -375,5 +431,10 @@ def test_a_field_of_any_other_value_never_raises_anything_else(
 def test_arrays_that_lie_about_themselves_never_raise_anything_else(
     name: str, shape: list[int], data: bytes
 ) -> None:
-    for topic, field in ((POSE, "pose"), (SET, "measurements"), (PICTURE, "exploration")):
+    for topic, field in (
+        (POSE, "pose"),
+        (SET, "measurements"),
+        (PICTURE, "exploration"),
+        (SOFT_OBSERVATION, "points"),
+    ):
         survives(topic, changed(topic, **{field: {"d": name, "s": shape, "b": data}}))

@@ -29,6 +29,7 @@ MISSION_TABLES: dict[str, type[msgspec.Struct]] = {
     "## [settings]": mission.TeamTable,
     "## [restart]": mission.RestartTable,
     "## [[robots]]": mission.RobotTable,
+    "## [[statements]]": mission.StatementTable,
 }
 DTYPES = {"<f8": "float64", "<f4": "float32", "|u1": "uint8", "<i8": "int64"}
 
