@@ -15,8 +15,9 @@ from estimator.gaussian.pairs import summed
 from estimator.gaussian.update import Rule, kalman_pairs
 from estimator.grid import node_volumes
 from estimator.motion import Motion
+from estimator.newly_detected import explanations
 from estimator.sensor import GaussianSensor
-from estimator.undetected import Undetected, explanations
+from estimator.undetected import Undetected
 
 # A measurement is left to the components if they explain it so much better than the undetected part does,
 _PLAIN = 1e-2

@@ -14,9 +14,10 @@ from estimator.arrays import BoolArray, FloatArray, IntArray, NonNegative, Posit
 from estimator.filter import Area
 from estimator.kernels import kernel
 from estimator.sensor import Look, checked_points, checked_poses, validated
+from estimator.sensors.densities import own_likelihoods
 from estimator.sensors.field_config import FieldConfig, field_of
 from estimator.sensors.field_of_view import FieldOfView
-from estimator.sensors.gating import gated_likelihoods, own_likelihoods
+from estimator.sensors.gating import gated_likelihoods
 
 GATE_SIGMAS = 6.0  # a component further off than this has likelihood 0; 2e-9 of the Gaussian lies beyond
 

@@ -10,9 +10,10 @@ from estimator.sensors.bearing_only import BearingOnly
 from estimator.sensors.detector import Detector
 from estimator.sensors.field_of_view import FieldOfView, Shape
 from estimator.sensors.position import Position
+from estimator.sensors.range_bearing import RangeBearing
 from estimator.sensors.range_only import RangeOnly
 
-KINDS = ("bearing_only", "range_only", "position", "detector", "fields")
+KINDS = ("range_bearing", "bearing_only", "range_only", "position", "detector", "fields")
 
 
 def run(kind: str, d: int) -> None:
@@ -37,6 +38,11 @@ def run(kind: str, d: int) -> None:
     sensor.look(points, pose, measurements)
     sensor.look(fixed, pose, measurements)
     sensor.locate(measurements, pose)
+    if own_look := getattr(sensor, "own_look", None):
+        owners = np.zeros(points.shape[1], np.int64)
+        own_look(points, pose, measurements, owners)
+        owners.flags.writeable = False
+        own_look(points, pose, measurements, owners)
     if jacobian := getattr(sensor, "jacobian", None):
         jacobian(points, pose)
         jacobian(fixed, pose)
@@ -54,6 +60,10 @@ def _fields(d: int) -> dict[Shape, list[float]]:
 def _sensor(kind: str, d: int) -> SensorModel:
     area = Area(np.zeros(d), np.full(d, 20.0))
     up: dict[str, Any] = {}
+    if kind == "range_bearing":
+        up = {"elevation_sigma_deg": 2.0} if d == 3 else {}
+        up |= {"range_sigma_m": 0.5, "bearing_sigma_deg": 2.0, "clutter": 3.0, "reach_m": [10.0] * d}
+        return RangeBearing.of(RangeBearing.Config(period_s=1.0, **up), area)
     if kind == "bearing_only":
         up = {"elevation_sigma_deg": 2.0} if d == 3 else {}
         return BearingOnly.of(BearingOnly.Config(period_s=1.0, **up), area)

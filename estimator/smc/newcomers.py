@@ -15,11 +15,12 @@ import numpy as np
 
 from estimator.arrays import FloatArray, IntArray
 from estimator.filter import Area
+from estimator.newly_detected import Explanations, detected, explanations
 from estimator.sensor import SensorModel, checked_points
 from estimator.sensors.known import bare
 from estimator.smc.resampling import gathered, systematic
 from estimator.smc.state import SmcPhdState, turned_back
-from estimator.undetected import Explanations, Undetected, detected, explanations
+from estimator.undetected import Undetected
 
 
 class Newcomers(Protocol):

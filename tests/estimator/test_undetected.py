@@ -5,8 +5,9 @@ import pytest
 
 from estimator.arrays import FloatArray
 from estimator.filter import Area
+from estimator.newly_detected import detected, explanations
 from estimator.sensors.range_bearing import RangeBearing
-from estimator.undetected import Undetected, detected, explanations
+from estimator.undetected import Undetected
 
 AREA = Area(np.zeros(2), np.full(2, 100.0))
 SENSOR = RangeBearing.of(

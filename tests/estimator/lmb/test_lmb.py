@@ -15,9 +15,9 @@ from estimator.lmb.association import Pairs, associated
 from estimator.lmb.lmb import Lmb, LmbState
 from estimator.lmb.tracks import Tracks
 from estimator.motion import MotionConfig
+from estimator.newly_detected import explanations
 from estimator.sensors.position import Position
 from estimator.sensors.range_bearing import RangeBearing
-from estimator.undetected import explanations
 
 AREA = Area(np.zeros(2), np.full(2, 100.0))
 POSE = np.array([50.0, 50.0, 5.0, 0.0])
