@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
+from agents.ground_tables import GroundTable, OriginTable
 from agents.messages import Name, Relation, Slope
 from estimator.arrays import Count, FloatArray, NonNegative, Positive
 from estimator.filter import Area
@@ -143,7 +144,9 @@ class Mission(Strict, frozen=True, kw_only=True):
     match_m: Positive = 2.0  # a found target this near to a true one counts as it
     gospa_c_m: Positive = 10.0  # cut-off c of the GOSPA metric (p = 2)
     area: AreaTable
+    origin: OriginTable | None = None
     map: MapTable | None = None
+    ground: GroundTable | None = None
     world: Table
     filter: Table
     found: FoundTable = FoundTable()

@@ -2,26 +2,25 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 import msgspec
-import numpy as np
 
 from agents import plugins
 from agents.devices import DeviceContext, Sensor, Vehicle, World
 from agents.errors import MissionError
+from agents.ground import team_ground
 from agents.mission import Mission, RobotTable, start_pose
-from agents.tables import convert, resolve_path, show
+from agents.tables import convert
 from estimator.filter import Area, Filter
 from estimator.maps.line_of_sight import LineOfSight
-from estimator.maps.occupancy import OccupancyMap
 from estimator.maps.sight import Sight
 from estimator.search import Search
 from estimator.sensor import SensorModel
 from estimator.sensors.teammates import Teammates
-from planner.plan import Planner, PlannerSetup, VehicleModel
+from planner.plan import Ground, Planner, PlannerSetup, VehicleModel
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +35,7 @@ class Team:
     sensor_models: Mapping[str, SensorModel]
     measure_periods: Mapping[str, float]  # seconds
     sight: Sight | None  # what hides targets from sensors; None: nothing does
+    ground: Ground | None  # where robots may be; None: anywhere
     _world: Callable[[int], World]
     _vehicles: Mapping[str, Callable[[DeviceContext], Vehicle]]
     _sensors: Mapping[str, Callable[[DeviceContext], Sensor]]
@@ -46,9 +46,10 @@ class Team:
 
         Raises:
             MissionError: if a plugin refuses its table in the light of the rest of the mission.
-            DataError: if the map cannot be read.
+            DataError: if the map, or another file of the ground, cannot be read.
         """
-        area, sight = _ground(mission)
+        made = team_ground(mission)
+        area, sight = made.area, made.sight
         vehicle_models, periods = {}, {}
         sensor_models: dict[str, SensorModel] = {}
         vehicles, sensors = {}, {}
@@ -68,7 +69,7 @@ class Team:
             team_filter = kind(config)
         with _naming("planner"):
             kind, config = _plugin("planners", mission.planner, mission)
-            planner = kind(config, PlannerSetup(vehicle_models, sensor_models, area))
+            planner = kind(config, PlannerSetup(vehicle_models, sensor_models, area, made.ground))
         kind, config = _plugin("worlds", mission.world, mission)
         return cls(
             mission,
@@ -79,6 +80,7 @@ class Team:
             sensor_models,
             periods,
             sight,
+            made.ground,
             partial(kind.world, config, area),
             vehicles,
             sensors,
@@ -144,25 +146,6 @@ class Team:
             speed=speed,
             sight=self.sight,
         )
-
-
-def _ground(mission: Mission) -> tuple[Area, Sight | None]:
-    """The area with its map, and what the map does to sight."""
-    area, table = mission.box(), mission.map
-    if table is None:
-        return area, None
-    ground: OccupancyMap = plugins.load("maps", table.kind)(
-        resolve_path(mission.directory or None, table.file)
-    )
-    starts = np.array([robot.start[:2] for robot in mission.robots]).T
-    for i in np.flatnonzero(~ground.is_free(starts)):
-        raise MissionError(
-            f"robots[{i}].start: found {show(mission.robots[i].start)}; allowed are places in free space of "
-            f"{table.file}"
-        )
-    reachable = ground.reachable_from(starts)
-    sight = Sight.of(ground, unknown_blocks=table.unknown == "blocks") if table.line_of_sight else None
-    return replace(area, map=reachable), sight
 
 
 def _plugin(group: str, table: Mapping[str, Any], mission: Mission) -> tuple[Any, Any]:

@@ -36,13 +36,21 @@ class Clusters:
         )
 
 
+class Solid(Protocol):
+    """Something in which no target can be."""
+
+    def contains(self, points: FloatArray) -> BoolArray:
+        """(n,) whether points (d, n) lie in it."""
+
+
 @dataclass(frozen=True, slots=True)
 class Area:
-    """The axis-aligned box in which targets may be; with a map, in its free cells only."""
+    """The axis-aligned box in which targets may be; with a map, in its free cells only, and in no solid."""
 
     low: FloatArray  # (d,) metres
     high: FloatArray  # (d,) metres
     map: OccupancyMap | None = None
+    solids: tuple[Solid, ...] = ()  # what does not reach through all altitudes, beside the map
 
     @property
     def dimension(self) -> int:
@@ -54,10 +62,11 @@ class Area:
         return float(np.prod(self.high - self.low))
 
     def is_free(self, points: FloatArray) -> BoolArray:
-        """Whether a target may be at points (d, n) as far as the map goes, (n,); all True without a map."""
-        if self.map is None:
-            return np.ones(points.shape[1], dtype=np.bool_)
-        return self.map.is_free(points)
+        """Whether a target may be at points (d, n) as far as map and solids go, (n,); without, all True."""
+        free = np.ones(points.shape[1], dtype=np.bool_) if self.map is None else self.map.is_free(points)
+        for solid in self.solids:
+            free &= ~solid.contains(points)
+        return free
 
 
 class Filter(Protocol, Generic[State]):

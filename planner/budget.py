@@ -9,6 +9,7 @@ import math
 import numpy as np
 
 from estimator.arrays import FloatArray
+from planner.ground.routes import lifted, trajectory_to
 from planner.plan import Plan, PlannerSetup, PlanProblem, Trajectory
 from planner.separation import keeps_apart
 from planner.vehicles.route import routed
@@ -35,20 +36,11 @@ def way_to(
 
     None where the ground has no way.
     """
-    vehicle, ground = setup.vehicles[problem.robot], setup.ground
-    period, d = problem.measure_period, problem.area.dimension
-    if ground is None:
+    vehicle, period = setup.vehicles[problem.robot], problem.measure_period
+    if setup.ground is None:
         return vehicle.trajectory(state, place, time, period)
-    here = vehicle.pose(state)[:3]
-    if ground.segments_clear(here[:d, None], place[:d, None])[0]:
-        return vehicle.trajectory(state, place, time, period)
-    corners = ground.path(np.array(here[:d]), np.array(place[:d]))
-    if corners is None or corners.shape[1] < 2:
-        return None
-    route = np.tile(place, (corners.shape[1] - 1, 1))
-    route[:, :d] = corners[:, 1:].T
-    route[-1] = place
-    return routed(vehicle, state, route, time, period, near=NEAR_M)
+    ground = lifted(setup.ground, problem.area.dimension)
+    return trajectory_to(ground, vehicle, state, place, time, period)
 
 
 def homeward(

@@ -9,6 +9,7 @@ from estimator.filter import Area
 from estimator.sensors.range_bearing import RangeBearing
 from planner.allocation.warm import warm_allocation
 from planner.irrt.warm import warm_irrt
+from planner.ground.warm import run as run_ground
 from planner.maasi.candidates import CandidateGrid
 from planner.maasi.maasi import Maasi
 from planner.maasi.maasi_joint import MaasiJoint
@@ -22,6 +23,7 @@ def warmups() -> list[tuple[str, Callable[[], None]]]:
     return [
         ("quadrotor", lambda: _move(Quadrotor(Quadrotor.Config()))),
         ("unicycle", lambda: _move(Unicycle(Unicycle.Config()))),
+        ("ways over the ground", run_ground),
         ("(MA)ASI planner", _plan),
         ("CBBA", warm_allocation),
         ("information-rich tree", warm_irrt),

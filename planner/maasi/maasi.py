@@ -16,10 +16,12 @@ import numpy as np
 from estimator.arrays import FloatArray, NonNegative
 from planner.budget import affordable, limited, returning, way_to
 from planner.deadline import Deadline
+from planner.ground.routes import lifted, stuck
 from planner.maasi.anytime import batches
 from planner.maasi.candidates import CandidateGrid
 from planner.maasi.outlook import Outlook, outlook
 from planner.plan import Plan, PlannerSetup, PlanProblem
+from planner.separation import keeps_apart
 
 RESERVE_S = 1.5e-3  # kept from the deadline for what follows the choice
 AROUND_S = 0.02  # what one way around obstacles may take
@@ -81,9 +83,14 @@ class Maasi:
             plan = chosen(
                 problem, self.setup, view, row, view.exploration[row], float(objective[best]), int(best)
             )
-            if plan.trajectory is not None and affordable(problem, self.setup, plan.trajectory):
+            if plan.trajectory is None:
+                reason = plan.reason
+            elif self.setup.ground is not None and not keeps_apart(problem, vehicle, plan.trajectory):
+                reason = crowded(problem.separation)  # ways around are estimates before they are chosen
+            elif affordable(problem, self.setup, plan.trajectory):
                 return plan
-            reason = NO_BUDGET
+            else:
+                reason = NO_BUDGET
             if deadline.over():
                 break
         if not limited(problem):
@@ -117,6 +124,9 @@ def unplannable(problem: PlanProblem, setup: PlannerSetup) -> str:
         return "holds: its budget is not a number"
     if budget.home is not None and not (budget.home.shape == (3,) and np.isfinite(budget.home).all()):
         return "holds: the home of its budget is not a place"
+    if setup.ground is not None:
+        place = setup.vehicles[problem.robot].pose(problem.state)[:3]
+        return stuck(lifted(setup.ground, problem.area.dimension), place)
     return ""
 
 

@@ -87,7 +87,8 @@ def outlook(
     others = tuple(other for other in others if usable(other) and other.robot != problem.robot)
     every = measure_steps(problem.measure_period, vehicle.control_period)
     apart = problem.separation > 0 and bool(others)
-    parts = finer(every, vehicle.control_period) if apart or finely else 1
+    closely = apart or finely or setup.ground is not None
+    parts = finer(every, vehicle.control_period) if closely else 1
     way = ways(problem, setup, waypoints, every / parts * vehicle.control_period)
     predictions = way if parts == 1 else measurements_only(way, parts)
     clearance, clear = _clearance(problem, vehicle, way, others if apart else ())

@@ -25,7 +25,8 @@ def routed(
     *,
     near: float,
 ) -> Trajectory:
-    """The trajectory through waypoints `route` (r, 3), each but the last passed within `near` metres.
+    """The trajectory through waypoints `route` (r, 3), each but the last passed within `near` metres
+    (or reached, if that comes first).
 
     It measures at its start and every `measure_period` seconds from there.
 
@@ -96,7 +97,7 @@ def advanced(
 
 
 def _there(model: VehicleModel, state: FloatArray, waypoint: FloatArray, near: float | None) -> bool:
-    if near is None:
+    if near is None or model.reached(state, waypoint):
         return model.reached(state, waypoint)
     return bool(np.linalg.norm(model.pose(state)[:3] - waypoint) < near)
 

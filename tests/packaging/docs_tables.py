@@ -11,6 +11,7 @@ import msgspec
 
 from agents import codec, mission, plugins
 from agents import messages as m
+from agents.ground_tables import GroundTable, OriginTable, ZoneTable
 from agents.tables import describe, show
 from agents.topics import TOPICS
 
@@ -19,7 +20,10 @@ KIND_GROUPS = ("worlds", "filters", "planners", "vehicles", "sensors")
 MISSION_TABLES: dict[str, type[msgspec.Struct]] = {
     "## Top level": mission.Mission,
     "## [area]": mission.AreaTable,
+    "## [origin]": OriginTable,
     "## [map]": mission.MapTable,
+    "## [ground]": GroundTable,
+    "## Zones": ZoneTable,
     "## [found]": mission.FoundTable,
     "## [teammates]": mission.TeammatesTable,
     "## [exploration]": mission.ExplorationTable,

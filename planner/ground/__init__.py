@@ -1,0 +1,1 @@
+"""Where robots may be: shapes, grids of them, any-angle shortest ways, distances."""

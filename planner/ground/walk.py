@@ -1,0 +1,163 @@
+"""Straight ways through a grid: does every cell that one touches leave room for the robot?
+
+As a sensor's ray (estimator/maps/sight.py; Amanatides & Woo 1987), a way leaps over the cube of cells around
+it that is known to be free. Unlike a ray it may not slip between two blocked cells that share only a corner
+or an edge: where a way meets a corner, all cells around it count.
+"""
+
+import numpy as np
+
+from estimator.arrays import BoolArray, FlagArray, FloatArray
+from estimator.kernels import exact_kernel
+
+TIE = 1e-9  # shares of a way nearer than this are one
+
+
+@exact_kernel
+def chebyshev3(blocked: FlagArray) -> FlagArray:
+    """Distance of each cell (l, r, c) to the nearest blocked one in king's moves, 0 on one, at most 255.
+
+    Blocked is what is above 0. Two sweeps over the 26 neighbours are exact for this distance (Rosenfeld &
+    Pfaltz 1968, in three dimensions).
+    """
+    layers, rows, columns = blocked.shape
+    out = np.empty(blocked.shape, np.uint8)
+    for sweep in range(2):
+        for kk in range(layers):
+            k = layers - 1 - kk if sweep else kk
+            for jj in range(rows):
+                j = rows - 1 - jj if sweep else jj
+                for ii in range(columns):
+                    i = columns - 1 - ii if sweep else ii
+                    if blocked[k, j, i]:
+                        out[k, j, i] = 0
+                        continue
+                    best = int(out[k, j, i]) - 1 if sweep else 254
+                    side = 1 if sweep else -1
+                    if 0 <= i + side < columns:
+                        best = min(best, int(out[k, j, i + side]))
+                    if 0 <= j + side < rows:
+                        for n in range(max(i - 1, 0), min(i + 2, columns)):
+                            best = min(best, int(out[k, j + side, n]))
+                    if 0 <= k + side < layers:
+                        for m in range(max(j - 1, 0), min(j + 2, rows)):
+                            for n in range(max(i - 1, 0), min(i + 2, columns)):
+                                best = min(best, int(out[k + side, m, n]))
+                    out[k, j, i] = best + 1
+    return out
+
+
+@exact_kernel
+def _blocked(clearance: FlagArray, i: int, j: int, k: int) -> bool:
+    layers, rows, columns = clearance.shape
+    return not (0 <= i < columns and 0 <= j < rows and 0 <= k < layers and clearance[k, j, i] > 0)
+
+
+@exact_kernel
+def open_way(clearance: FlagArray, u0: float, v0: float, w0: float, u1: float, v1: float, w1: float) -> bool:
+    """Whether the straight way between two places in cell coordinates (column, row, layer) is open."""
+    i, j, k = int(np.floor(u0)), int(np.floor(v0)), int(np.floor(w0))
+    gi, gj, gk = int(np.floor(u1)), int(np.floor(v1)), int(np.floor(w1))
+    if _blocked(clearance, i, j, k) or _blocked(clearance, gi, gj, gk):
+        return False
+    du, dv, dw = u1 - u0, v1 - v0, w1 - w0
+    while True:
+        leap = int(clearance[k, j, i])
+        if abs(gi - i) < leap and abs(gj - j) < leap and abs(gk - k) < leap:
+            return True
+        tu = ((i + leap if du > 0.0 else i + 1 - leap) - u0) / du if du != 0.0 else np.inf
+        tv = ((j + leap if dv > 0.0 else j + 1 - leap) - v0) / dv if dv != 0.0 else np.inf
+        tw = ((k + leap if dw > 0.0 else k + 1 - leap) - w0) / dw if dw != 0.0 else np.inf
+        t = min(tu, tv, tw)
+        if not t < 1.0:
+            return True
+        # Rounding must not carry the coordinates that stay out of the cube.
+        i2 = min(max(int(np.floor(u0 + t * du)), i + 1 - leap), i - 1 + leap)
+        j2 = min(max(int(np.floor(v0 + t * dv)), j + 1 - leap), j - 1 + leap)
+        k2 = min(max(int(np.floor(w0 + t * dw)), k + 1 - leap), k - 1 + leap)
+        su = (1 if du > 0.0 else -1) if tu - t <= TIE else 0
+        sv = (1 if dv > 0.0 else -1) if tv - t <= TIE else 0
+        sw = (1 if dw > 0.0 else -1) if tw - t <= TIE else 0
+        if su:
+            i2 = i + (leap - 1) * su
+        if sv:
+            j2 = j + (leap - 1) * sv
+        if sw:
+            k2 = k + (leap - 1) * sw
+        # Inside the cube at its rim, the way may also run along a corner between rows: those are free.
+        if su and _blocked(clearance, i2 + su, j2, k2):
+            return False
+        if sv and _blocked(clearance, i2, j2 + sv, k2):
+            return False
+        if sw and _blocked(clearance, i2, j2, k2 + sw):
+            return False
+        if su and sv and _blocked(clearance, i2 + su, j2 + sv, k2):
+            return False
+        if su and sw and _blocked(clearance, i2 + su, j2, k2 + sw):
+            return False
+        if sv and sw and _blocked(clearance, i2, j2 + sv, k2 + sw):
+            return False
+        i, j, k = i2 + su, j2 + sv, k2 + sw
+        if _blocked(clearance, i, j, k):
+            return False
+
+
+@exact_kernel
+def open_ways(clearance: FlagArray, starts: FloatArray, ends: FloatArray, out: BoolArray) -> None:
+    """`open_way` of places (3, n) in cell coordinates, which may be anything."""
+    for n in range(out.size):
+        good = True
+        for a in range(3):
+            good = good and np.isfinite(starts[a, n]) and np.isfinite(ends[a, n])
+            good = good and abs(starts[a, n]) < 2.0**30 and abs(ends[a, n]) < 2.0**30
+        out[n] = good and open_way(
+            clearance, starts[0, n], starts[1, n], starts[2, n], ends[0, n], ends[1, n], ends[2, n]
+        )
+
+
+@exact_kernel
+def squared_distances(free: BoolArray) -> FloatArray:
+    """Square of the distance (r, c) in cells between middles to the nearest cell that is not free.
+
+    Felzenszwalb & Huttenlocher, "Distance Transforms of Sampled Functions" (2012): lower envelopes of
+    parabolas, along columns and then along rows; exact. Infinite where there is none.
+    """
+    rows, columns = free.shape
+    out = np.where(free, np.inf, 0.0)
+    most = max(rows, columns)
+    value, where = np.empty(most), np.empty(most, np.int64)
+    edge = np.empty(most + 1)
+    for axis in range(2):
+        lines, length = (columns, rows) if axis == 0 else (rows, columns)
+        for line in range(lines):
+            for q in range(length):
+                value[q] = out[q, line] if axis == 0 else out[line, q]
+            top = -1
+            for q in range(length):
+                if value[q] == np.inf:
+                    continue
+                s = -np.inf
+                while top >= 0:
+                    p = where[top]
+                    s = ((value[q] + q * q) - (value[p] + p * p)) / (2.0 * (q - p))
+                    if s > edge[top]:
+                        break
+                    top -= 1
+                    s = -np.inf
+                top += 1
+                where[top] = q
+                edge[top] = s
+                edge[top + 1] = np.inf
+            k = 0
+            for q in range(length):
+                if top < 0:
+                    far = np.inf
+                else:
+                    while edge[k + 1] < q:
+                        k += 1
+                    far = (q - where[k]) ** 2 + value[where[k]]
+                if axis == 0:
+                    out[q, line] = far
+                else:
+                    out[line, q] = far
+    return out
