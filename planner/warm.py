@@ -14,6 +14,7 @@ from planner.maasi.candidates import CandidateGrid
 from planner.maasi.maasi import Maasi
 from planner.maasi.maasi_joint import MaasiJoint
 from planner.plan import Commitment, PlannerSetup, PlanProblem, VehicleModel
+from planner.sampling.warm import warm_sampling
 from planner.vehicles.quadrotor import Quadrotor
 from planner.vehicles.unicycle import Unicycle
 
@@ -26,6 +27,7 @@ def warmups() -> list[tuple[str, Callable[[], None]]]:
         ("ways over the ground", run_ground),
         ("(MA)ASI planner", _plan),
         ("CBBA", warm_allocation),
+        ("sampled paths", warm_sampling),
         ("information-rich tree", warm_irrt),
     ]
 
