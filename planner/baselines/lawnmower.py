@@ -61,7 +61,9 @@ class Lawnmower:
         deadline = self.deadline(problem.deadline_s - RESERVE_S)
         vehicle = self.setup.vehicles[problem.robot]
         here = vehicle.pose(problem.state)[:3]
-        progress = self._progress.setdefault(problem.robot, self._begun(problem, here))
+        if problem.robot not in self._progress:
+            self._progress[problem.robot] = self._begun(problem, here)
+        progress = self._progress[problem.robot]
         for _ in range(AHEAD):
             place = self._place(progress.strip, progress.next, here)
             near = float(np.linalg.norm(place - here)) < NEAR * progress.strip.swath
