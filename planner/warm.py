@@ -10,6 +10,7 @@ from estimator.sensors.range_bearing import RangeBearing
 from planner.allocation.warm import warm_allocation
 from planner.irrt.warm import warm_irrt
 from planner.ground.warm import run as run_ground
+from planner.information.warm import warm_information
 from planner.maasi.candidates import CandidateGrid
 from planner.maasi.maasi import Maasi
 from planner.maasi.maasi_joint import MaasiJoint
@@ -27,6 +28,7 @@ def warmups() -> list[tuple[str, Callable[[], None]]]:
         ("ways over the ground", run_ground),
         ("(MA)ASI planner", _plan),
         ("CBBA", warm_allocation),
+        ("mutual information", warm_information),
         ("sampled paths", warm_sampling),
         ("information-rich tree", warm_irrt),
     ]
