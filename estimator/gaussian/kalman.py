@@ -82,6 +82,7 @@ class KalmanConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     motion: MotionConfig = MotionConfig()
     start_m: Annotated[list[float], Meta(min_length=2, max_length=3)] | None = None  # default: the centre
     start_sigma_m: Positive | None = None  # per axis; default: that of an even spread over the area
+    start_velocity_m_s: Annotated[list[float], Meta(min_length=2, max_length=3)] | None = None  # default: 0
     gate_sigmas: Positive = 5.0  # a measurement further off is of something else
 
 
@@ -114,7 +115,7 @@ class Kalman:
         """One target somewhere about the start.
 
         Raises:
-            ValueError: if start_m does not fit the area.
+            ValueError: if start_m or start_velocity_m_s does not fit the area or the motion.
         """
         d, config = area.dimension, self.config
         start = np.array(config.start_m) if config.start_m else 0.5 * (area.low + area.high)
@@ -126,6 +127,14 @@ class Kalman:
         motion = Motion(d, config.motion)
         mean = np.zeros(motion.state_size)
         mean[:d] = start
+        velocity = np.array(config.start_velocity_m_s or np.zeros(d))
+        if config.start_velocity_m_s and mean.size == d:
+            raise ValueError("start_velocity_m_s: only targets of constant_velocity have one")
+        if velocity.size != d or not np.isfinite(velocity).all():
+            raise ValueError(
+                f"start_velocity_m_s: expected {d} finite numbers, got {config.start_velocity_m_s}"
+            )
+        mean[d:] = velocity[: mean.size - d]
         return KalmanState(mean, motion.start_covariance(np.diag(sigmas**2)), 1.0, area)
 
     def predict(self, state: KalmanState, duration: float, rng: np.random.Generator) -> KalmanState:

@@ -1,0 +1,1 @@
+"""Liu & Hedrick (2017): model predictive control with a differentiable sensing domain."""
