@@ -121,7 +121,7 @@ def _read(mission: Mission, key: str, file: Path) -> tuple[Zone, ...]:
     kind = file.suffix.removeprefix(".").lower()
     if kind not in plugins.kinds("areas"):
         allowed = ", ".join(f".{known}" for known in plugins.kinds("areas"))
-        raise MissionError(f"{key}.file: found {show(str(file))}; allowed are files that end in {allowed}")
+        raise MissionError(f"{key}.file: found {show(file.name)}; allowed are files that end in {allowed}")
     origin: OriginTable | None = mission.origin
     if origin is None:
         raise MissionError(

@@ -114,7 +114,7 @@ def _altitudes(plan: GroundPlan, area: Area, starts: FloatArray) -> tuple[float,
     ends = [x for s in (*plan.obstacles, *plan.keep_out) for x in s.altitude if math.isfinite(x)]
     ends += starts[2].tolist() + ([float(area.low[2]), float(area.high[2])] if area.dimension == 3 else [])
     more = 2.0 * plan.radius + (plan.layer or plan.resolution or 0.1 * (max(ends) - min(ends)) or 1.0)
-    return min(ends) - more, max(ends) + more
+    return min(ends), max(ends) + more  # nobody goes under the lowest: that is the floor
 
 
 def _box(plan: GroundPlan, area: Area, starts: FloatArray) -> tuple[FloatArray, FloatArray]:

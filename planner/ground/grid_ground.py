@@ -165,7 +165,8 @@ class GridGround:
         c, s = np.cos(self.origin[2]), np.sin(self.origin[2])
         dx, dy = points[0] - self.origin[0], points[1] - self.origin[1]
         out = np.full((3, points.shape[1]), 0.5)
-        out[0], out[1] = (c * dx + s * dy) / self.resolution, (c * dy - s * dx) / self.resolution
+        with np.errstate(invalid="ignore"):
+            out[0], out[1] = (c * dx + s * dy) / self.resolution, (c * dy - s * dx) / self.resolution
         if self._layered(points):
             out[2] = (points[2] - self.low) / self.layer_height
         return out

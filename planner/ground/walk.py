@@ -11,6 +11,7 @@ from estimator.arrays import BoolArray, FlagArray, FloatArray
 from estimator.kernels import exact_kernel
 
 TIE = 1e-9  # shares of a way nearer than this are one
+EDGE = 1e-7  # cells: nearer than this to a border a way touches both sides of it
 
 
 @exact_kernel
@@ -54,8 +55,20 @@ def _blocked(clearance: FlagArray, i: int, j: int, k: int) -> bool:
 
 
 @exact_kernel
+def _touched(place: float, cell: int, step: int, slope: float) -> tuple[int, int]:
+    """The first and last cell along one axis that a place belongs to, when the way steps from `cell`."""
+    if step != 0:
+        return min(cell, cell + step), max(cell, cell + step)
+    border = int(np.floor(place + 0.5))
+    if slope != 0.0 and abs(place - border) < EDGE:
+        return min(cell, border - 1), max(cell, border)
+    return cell, cell
+
+
+@exact_kernel
 def open_way(clearance: FlagArray, u0: float, v0: float, w0: float, u1: float, v1: float, w1: float) -> bool:
     """Whether the straight way between two places in cell coordinates (column, row, layer) is open."""
+    layers, rows, columns = clearance.shape
     i, j, k = int(np.floor(u0)), int(np.floor(v0)), int(np.floor(w0))
     gi, gj, gk = int(np.floor(u1)), int(np.floor(v1)), int(np.floor(w1))
     if _blocked(clearance, i, j, k) or _blocked(clearance, gi, gj, gk):
@@ -84,19 +97,15 @@ def open_way(clearance: FlagArray, u0: float, v0: float, w0: float, u1: float, v
             j2 = j + (leap - 1) * sv
         if sw:
             k2 = k + (leap - 1) * sw
-        # Inside the cube at its rim, the way may also run along a corner between rows: those are free.
-        if su and _blocked(clearance, i2 + su, j2, k2):
-            return False
-        if sv and _blocked(clearance, i2, j2 + sv, k2):
-            return False
-        if sw and _blocked(clearance, i2, j2, k2 + sw):
-            return False
-        if su and sv and _blocked(clearance, i2 + su, j2 + sv, k2):
-            return False
-        if su and sw and _blocked(clearance, i2 + su, j2, k2 + sw):
-            return False
-        if sv and sw and _blocked(clearance, i2, j2 + sv, k2 + sw):
-            return False
+        # All cells that the place where the way leaves the cube is a part of, be it their side or corner.
+        ilow, ihigh = _touched(u0 + t * du, i2, su, du)
+        jlow, jhigh = _touched(v0 + t * dv, j2, sv, dv)
+        klow, khigh = _touched(w0 + t * dw, k2, sw, dw)
+        for c in range(max(klow, 0), min(khigh + 1, layers)):
+            for b in range(max(jlow, 0), min(jhigh + 1, rows)):
+                for a in range(max(ilow, 0), min(ihigh + 1, columns)):
+                    if clearance[c, b, a] == 0:
+                        return False
         i, j, k = i2 + su, j2 + sv, k2 + sw
         if _blocked(clearance, i, j, k):
             return False
