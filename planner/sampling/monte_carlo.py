@@ -27,6 +27,7 @@ from planner.vehicles.route import routed
 NEAR_M = 1.0  # a corner is passed within this, or a quarter of a cell
 TRIED = 24  # paths whose beginning is checked against the other robots
 RESERVE_S = 0.002  # kept for the trajectory at first; then what it took so far
+_LONG_S = 1e6
 LATE = "holds: its deadline was over before it had a path"
 
 NonNegativeCount = Annotated[int, Meta(ge=0)]
@@ -36,8 +37,8 @@ class GreedyPathsConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
     """The grid, the path and its part that is followed."""
 
     cell_m: Positive | None = None  # of the grid; none: what is crossed between two measurements
-    steps: Count = 60  # of a path, from cell to cell
-    follow: Fraction = 0.2  # share of a path that is followed before the next is planned
+    steps: Count = 40  # of a path, from cell to cell
+    follow: Fraction = 0.1  # share of a path that is followed before the next is planned
     undetected: NonNegative = 1.0  # targets beyond the filter's intensity, were nothing explored; v^n of (6)
     turn_deg: Positive | None = None  # between two steps, at most; none: any
 
@@ -142,12 +143,11 @@ class GreedyPaths:
             tried += 1
             if tried > TRIED or (tried > 1 and deadline.left() < self._reserve_s):
                 break
-            left_before = deadline.left()
+            watch = Deadline(_LONG_S)
             way = self._way(problem, scenery, cells)
             part = None if way is None else truncated(problem, self.setup, way)
             apart = part is not None and keeps_apart(problem, self.setup.vehicles[problem.robot], part)
-            if np.isfinite(left_before):
-                self._reserve_s = max(self._reserve_s, 1.2 * (left_before - deadline.left()))
+            self._reserve_s = max(0.9 * self._reserve_s, 1.2 * (_LONG_S - watch.left()))
             if way is None:
                 reason = "there is no way to the beginning of its path"
             elif part is None:

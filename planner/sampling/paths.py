@@ -90,8 +90,8 @@ def observed(b: Board, work: FloatArray, stamp: float, cell: int, heading: int) 
     row = cell + (heading * b.values.size if b.headings > 1 else 0)
     gain = 0.0
     for k in range(b.offsets[row], b.offsets[row + 1]):
-        i = b.seen[k]
-        before = work[i, _LEFT] if work[i, _STAMP] == stamp else work[i, _VALUE]
+        i = np.uint64(b.seen[k])
+        before = work[i, np.uint64(_LEFT if work[i, _STAMP] == stamp else _VALUE)]
         after = before * (1.0 - b.seen_p[k])
         work[i, _LEFT] = after
         work[i, _STAMP] = stamp

@@ -14,7 +14,7 @@ from planner.sampling.sight import Footprints, Surveyed, depends_on_heading, in_
 
 MOST_CELLS = 10_000
 MOST_ON_GROUND = 2_500  # steps between any two cells are kept
-_COARSEST, _FINEST = 1.0, 0.25  # cell over the width that the sensor sweeps
+_COARSEST, _FINEST = 1.0, 0.4  # cell over the width that the sensor sweeps
 _ALTITUDES_M = 0.5  # a robot that flies higher or lower than this sees something else
 _MOVING_M_S = 0.2  # slower, a turn costs nothing
 

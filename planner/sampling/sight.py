@@ -9,7 +9,7 @@ from estimator.sensor import SensorModel
 from planner.sampling.grid import Grid
 
 Footprints = tuple[IntArray, IntArray, FloatArray]
-_LEAST = 1e-3  # p_D below this is not looked at
+_LEAST = 0.02  # p_D below this is not looked at: tails are long, and every cell costs time
 _RADIUS = {2: 40, 3: 12}  # cells that a footprint reaches, at most
 _POSES = 16  # between questions for the time
 
