@@ -35,9 +35,7 @@ def grown(sensor: RangeBearing, targets: Targets, root: FloatArray) -> Tree:
 def test_irrt_nodes(benchmark: Any) -> None:
     """Nodes added and scored per second: a unicycle, range and bearing, two looks on each edge."""
     area = Area(np.zeros(2), np.full(2, SIDE))
-    config = RangeBearing.Config(
-        period_s=1.0, range_sigma_m=1.0, bearing_sigma_deg=2.0, reach_m=[20.0, 20.0]
-    )
+    config = RangeBearing.Config(period_s=1.0, range_sigma_m=1.0, bearing_sigma_deg=2.0, reach_m=[20.0, 20.0])
     sensor = RangeBearing.of(config, area)
     rng = np.random.default_rng(2)
     targets = Targets(rng.uniform(10, 90, (2, 5)), np.tile(9.0 * np.eye(2), (5, 1, 1)), np.full(5, 0.2), 5)
