@@ -30,7 +30,7 @@ def random_cells(seed: int, rows: int = 12, columns: int = 15, share: float = 0.
 
 
 def free_line(cells: np.ndarray, a: np.ndarray, b: np.ndarray) -> bool:
-    """Whether no blocked cell's square, closed, meets the inside of a segment's way: by clipping every one."""
+    """Whether no blocked cell's square, closed, meets a segment: by clipping at every one."""
     step = b - a
     for row, column in np.argwhere(cells == SOLID):
         low, high = 0.0, 1.0
