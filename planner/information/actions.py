@@ -11,12 +11,13 @@ A robot is taken to look along its way if its vehicle steers that way, else to k
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Protocol, cast, runtime_checkable
 
 import numpy as np
 
-from estimator.arrays import BoolArray, FloatArray
+from estimator.arrays import FloatArray, IntArray
 from estimator.filter import Area
+from estimator.kernels import kernel
 from planner.plan import Ground, VehicleModel
 
 RING = 48  # places at a length scale in the open, among which goals are chosen
@@ -64,6 +65,7 @@ class Lattice:
         ]
         points = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")])
         self.points = np.ascontiguousarray(points[:, ground.clear(points)])
+        self.many = isinstance(ground, ManyPaths)
         self.spacing = float(((area.high - area.low) / counts).max())
 
 
@@ -100,28 +102,26 @@ def action_sets(
             near = near[np.argsort(_turn_to(lattice.points[:, near], pose), kind="stable")]
             places = np.ascontiguousarray(lattice.points[:, near])
             goals = np.ascontiguousarray(places[:, _spread(places, scales.spread * length)])
-            ways = [way for way in _paths(ground, here, goals) if way is not None and way.shape[1] > 1]
+            ways = [
+                way
+                for way in _paths(ground, here, goals, lattice.many)
+                if way is not None and way.shape[1] > 1
+            ]
         if ways:
             had = True
-            spaced = [evenly(way, scales.steps) for way in ways]
-            poses = np.stack([_poses(points, ahead, pose, turns) for points, ahead in spaced])
+            poses = np.stack([evenly(way, scales.steps, pose, turns) for way in ways])
             yield ActionSet(length, poses, tuple(ways))
         elif had or length > float(np.linalg.norm(area.high - area.low)):
             return  # the area has nothing that far
         length *= scales.growth
 
 
-def evenly(corners: FloatArray, steps: int) -> tuple[FloatArray, FloatArray]:
-    """`steps` evenly spaced points (d, steps) along a way (d, k), the last its end, and its directions there.
+def evenly(corners: FloatArray, steps: int, pose: FloatArray, turns: bool) -> FloatArray:
+    """Poses (steps, 4) evenly spaced along a way (d, k), the last at its end; elsewise as pose (4,).
 
-    The directions (d, steps) are those of arrival, not of unit length; 0 on a way without any.
+    A robot that turns has its yaw along the way where it arrives from, unless that goes straight up or down.
     """
-    legs = np.diff(corners, axis=1)
-    along = np.append(0.0, np.cumsum(np.linalg.norm(legs, axis=0)))
-    at = along[-1] * np.arange(1, steps + 1) / steps
-    points = np.stack([np.interp(at, along, row) for row in corners])
-    leg = np.clip(np.searchsorted(along, at * (1.0 - 1e-12)) - 1, 0, legs.shape[1] - 1)
-    return points, legs[:, leg]
+    return _poses(np.ascontiguousarray(corners), steps, pose, turns)
 
 
 def part(corners: FloatArray, share: float) -> FloatArray:
@@ -141,18 +141,9 @@ def looks_along(vehicle: VehicleModel) -> bool:
     return abs(float(vehicle.pose(way.end_states[0])[3])) > TURNED
 
 
-def _poses(points: FloatArray, ahead: FloatArray, pose: FloatArray, turns: bool) -> FloatArray:
-    poses = np.tile(pose, (points.shape[1], 1))
-    poses[:, : len(points)] = points.T
-    if turns:
-        moved = (ahead[0] != 0.0) | (ahead[1] != 0.0)
-        poses[moved, 3] = np.arctan2(ahead[1], ahead[0])[moved]
-    return poses
-
-
-def _paths(ground: Ground, here: FloatArray, goals: FloatArray) -> list[FloatArray | None]:
-    if isinstance(ground, ManyPaths):
-        return ground.paths(here, goals)
+def _paths(ground: Ground, here: FloatArray, goals: FloatArray, many: bool) -> list[FloatArray | None]:
+    if many:
+        return cast(ManyPaths, ground).paths(here, goals)
     return [ground.path(here, np.array(goal)) for goal in goals.T]
 
 
@@ -180,18 +171,54 @@ def _turn_to(places: FloatArray, pose: FloatArray) -> FloatArray:
     return np.asarray(np.abs(np.angle(np.exp(1j * off))))
 
 
-def _spread(places: FloatArray, radius: float) -> list[int]:
+@kernel
+def _spread(places: FloatArray, radius: float) -> IntArray:
     """Columns of places (d, n): the goals of Algorithm 1, steps 3 and 5-10."""
-    if places.shape[1] == 0:
-        return []
-    left: BoolArray = np.ones(places.shape[1], dtype=np.bool_)
-    nearest = np.linalg.norm(places - places[:, :1], axis=0)  # to any goal so far
-    chosen = []
-    while left.any():
-        goal = int(np.argmin(np.where(left, nearest, np.inf)))
-        chosen.append(goal)
-        gaps = np.linalg.norm(places - places[:, goal : goal + 1], axis=0)
-        nearest = np.minimum(nearest, gaps)
-        left &= gaps >= radius
+    d, n = places.shape
+    left = np.ones(n, dtype=np.bool_)
+    nearest = np.full(n, np.inf)  # to any goal so far
+    chosen = np.empty(n, dtype=np.int64)
+    count, goal = 0, 0
+    while goal >= 0 and n > 0:
+        chosen[count] = goal
+        count += 1
         left[goal] = False
-    return chosen
+        following = -1
+        for i in range(n):
+            if left[i]:
+                square = 0.0
+                for axis in range(d):
+                    square += (places[axis, i] - places[axis, goal]) ** 2
+                nearest[i] = min(nearest[i], square)
+                left[i] = square >= radius * radius
+            if left[i] and (following < 0 or nearest[i] < nearest[following]):
+                following = i
+        goal = following
+    return chosen[:count]
+
+
+@kernel
+def _poses(corners: FloatArray, steps: int, pose: FloatArray, turns: bool) -> FloatArray:
+    """Poses (steps, 4) evenly spaced along a way (d, k), the last at its end."""
+    d, k = corners.shape
+    along = np.zeros(k)
+    for c in range(1, k):
+        square = 0.0
+        for axis in range(d):
+            square += (corners[axis, c] - corners[axis, c - 1]) ** 2
+        along[c] = along[c - 1] + np.sqrt(square)
+    out = np.empty((steps, 4))
+    leg = 1
+    for t in range(steps):
+        at = along[k - 1] * (t + 1) / steps
+        while leg < k - 1 and along[leg] < at * (1.0 - 1e-12):
+            leg += 1
+        length = along[leg] - along[leg - 1]
+        share = min(1.0, (at - along[leg - 1]) / length) if length > 0.0 else 1.0
+        out[t] = pose
+        for axis in range(d):
+            out[t, axis] = corners[axis, leg - 1] + share * (corners[axis, leg] - corners[axis, leg - 1])
+        east, north = corners[0, leg] - corners[0, leg - 1], corners[1, leg] - corners[1, leg - 1]
+        if turns and (east != 0.0 or north != 0.0):
+            out[t, 3] = np.arctan2(north, east)
+    return out

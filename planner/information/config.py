@@ -35,5 +35,10 @@ class InformationConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
     settled: NonNegative | None = None  # epsilon of (27): the search is over below it; none: never
     settled_cell_m: Positive = 0.5  # how near places count as one for that
     replan_after: Count = 1  # of the T poses, after how many to plan again
+
+
+class JointConfig(InformationConfig, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """As of the planner for one robot, and how long to look for a joint action."""
+
     cycles: Count = 10  # through the robots of modes 2 and 3, at most
     max_joint: Count = 20_000  # joint actions to enumerate in modes 0 and 1; of more, as modes 2 and 3

@@ -10,21 +10,29 @@ A robot's action that would meet another robot gives way to its next best, given
 
 from dataclasses import replace
 from math import prod
+from typing import ClassVar
 
 import numpy as np
 
 from estimator.arrays import FloatArray
 from planner.deadline import Deadline
+from planner.information.config import JointConfig
 from planner.information.gains import Options, information, joined
 from planner.information.single import LEAST, MODES_BY_SCALE, RANDOM, Chosen, MutualInformation, Reach
 from planner.information.team import Events, Joint, Rules, decided, enumerated, in_turn
-from planner.plan import Commitment, Plan, PlanProblem
+from planner.plan import Commitment, Plan, PlannerSetup, PlanProblem
 
 AT_ONCE = (0, 1)
 
 
 class MutualInformationJoint(MutualInformation):
     """TeamPlanner, and Planner for a team of one."""
+
+    Config: ClassVar[type[JointConfig]] = JointConfig
+    config: JointConfig
+
+    def __init__(self, config: JointConfig, setup: PlannerSetup) -> None:
+        super().__init__(config, setup)
 
     def plan_jointly(self, problems: tuple[PlanProblem, ...]) -> tuple[Plan, ...]:
         """One plan per problem; commitments of robots that plan now are not conditioned on.

@@ -23,7 +23,7 @@ from planner.information.belief import believed, clutter_rate
 from planner.information.config import InformationConfig
 from planner.information.gains import Fixed, Options, information, nearest_first, options
 from planner.maasi.maasi import crowded, unplannable
-from planner.plan import Commitment, Plan, PlannerSetup, PlanProblem, Trajectory
+from planner.plan import Commitment, Intensity, Plan, PlannerSetup, PlanProblem, Trajectory
 from planner.separation import keeps_apart
 from planner.vehicles.route import routed
 
@@ -70,6 +70,7 @@ class MutualInformation:
         spacing = config.lattice_m or longest / LATTICE
         self._lattice = None if setup.ground is None else Lattice(setup.area, setup.ground, spacing)
         self._turns: dict[int, bool] = {}
+        self._thinned: tuple[Intensity, FloatArray, FloatArray] | None = None  # for robots that plan together
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.config!r})"
@@ -105,9 +106,13 @@ class MutualInformation:
                 points, weights = believed_of.points, believed_of.weights
                 if weights.size and is_settled(points, weights, config.settled_cell_m, config.settled):
                     return returning(problem, self.setup, "the search is over, targets are known"), *none
+        if believed_of is not None and self._thinned is not None and self._thinned[0] is believed_of:
+            return None, *self._thinned[1:]
         points, weights = believed(problem, config.points, config.cell_m, config.expected_targets)
         if weights.size == 0:
             return returning(problem, self.setup, "no target is believed to be anywhere"), *none
+        if believed_of is not None:
+            self._thinned = believed_of, points, weights
         return None, points, weights
 
     def committed(

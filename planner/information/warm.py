@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from estimator.filter import Area
+from planner.information.actions import Scales, action_sets
 from planner.information.gains import Fixed, information, options
 from planner.information.mutual import mutual_information
 
@@ -12,5 +14,7 @@ def warm_information() -> None:
     some = options(detection, weights, clutter, 2)
     fixed = Fixed.of(detection[0], weights, clutter, 2).with_action(some, 0)
     information(fixed, some)
+    area = Area(np.zeros(2), np.ones(2))
+    list(action_sets(np.full(4, 0.5), area, Scales(0.2, 2.0, 1, 2, 0.7), turns=True))
     assert np.isfinite(fixed.information)
     mutual_information(detection[0], weights, clutter)
