@@ -5,8 +5,11 @@ from collections.abc import Callable, Sequence
 from agents.clock import Clock
 from agents.devices import Sensor, Vehicle
 from agents.histogram import Histogram
-from agents.machine import Action, Event, Follow, Measure, Measured
+from agents.machine import Action, Delayed, Event, Follow, Heard, Measure, Measured
+from agents.messages import PoseMessage
 from agents.robot import Robot
+from agents.separation import Separation
+from agents.transport import PeerChange
 
 
 class RobotBody:
@@ -26,18 +29,42 @@ class RobotBody:
         self.lateness_ms = Histogram()
         self._clock = clock
         self._perform = perform
+        setup = robot.setup
+        self.separation = Separation(
+            robot.id,
+            setup.vehicles or {robot.id: setup.vehicle},
+            setup.mission.settings.separation_m if vehicle.follows_plans else 0.0,
+            level=setup.mission.box().dimension == 2,
+            start=vehicle.state(clock.now()).pose[:3],
+        )
 
     def __repr__(self) -> str:
         return f"RobotBody({self.robot!r}, {self.vehicle!r})"
 
     def step(self, events: Sequence[Event]) -> None:
-        """One step at the clock's time, and those that its measurements cause."""
+        """One step at the clock's time, and those that its measurements and the others' nearness cause."""
+        for event in events:
+            if isinstance(event, Heard) and isinstance(event.message, PoseMessage):
+                self.separation.hear(event.message)
+            elif isinstance(event, PeerChange) and event.peer.role == "robot" and not event.alive:
+                self.separation.gone(event.peer.id)
+        self._decide(events)
+        if self.separation.keep(self._clock.now(), self.vehicle):
+            self._decide([Delayed()])
+
+    def next_wake(self) -> float:
+        """The team time at which `step` must be called even if nothing happens."""
+        return min(self.robot.next_wake(), self.separation.next_wake)
+
+    def _decide(self, events: Sequence[Event]) -> None:
         while True:
             now = self._clock.now()
             measured: list[Event] = []
-            for action in self.robot.step(now, self.vehicle.state(now), events):
+            body = self.vehicle.state(now)
+            for action in self.robot.step(now, body, events):
                 if isinstance(action, Follow):
                     self.vehicle.follow(action.trajectory, now)
+                    self.separation.follow(action.trajectory, body.pose[:3])
                 elif isinstance(action, Measure):
                     measured.append(self._measure(action))
                 else:

@@ -65,6 +65,12 @@ class Vehicle(ABC):
     def follow(self, trajectory: Trajectory | None, now: float) -> None:
         """Go this way from now on; None: hold here."""
 
+    def detour(self, waypoint: FloatArray | None, now: float) -> None:
+        """Steer for this waypoint (3,) instead, to keep apart from others; None: go on along the way.
+
+        A vehicle that sees to that itself, or goes its own way, need not listen.
+        """
+
     def close(self) -> None:
         """Let go of what it holds open."""
 

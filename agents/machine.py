@@ -42,7 +42,12 @@ class Planned:
     plan: Plan
 
 
-Event = Heard | Measured | Planned | PeerChange
+@dataclass(frozen=True, slots=True)
+class Delayed:
+    """The vehicle was turned aside to keep apart from others: its trajectory is not true any more."""
+
+
+Event = Heard | Measured | Planned | PeerChange | Delayed
 
 
 @dataclass(frozen=True, slots=True)

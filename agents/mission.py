@@ -107,6 +107,14 @@ class RestartTable(Strict, frozen=True, kw_only=True):
     fusion: Literal["never", "always"] = "always"
 
 
+class BudgetTable(Strict, frozen=True, kw_only=True):
+    """What a robot may spend in a mission."""
+
+    distance_m: Positive | None = None  # metres travelled
+    time_s: Positive | None = None  # team time from the mission's start
+    return_home: bool = True  # it must be back where it started by then
+
+
 class RobotTable(Strict, frozen=True, kw_only=True):
     """One robot."""
 
@@ -114,6 +122,7 @@ class RobotTable(Strict, frozen=True, kw_only=True):
     start: Annotated[list[float], Meta(min_length=2, max_length=4)]  # x, y(, z(, yaw)); metres, radians
     vehicle: Table
     sensor: Table
+    budget: BudgetTable | None = None
 
 
 class StatementTable(Strict, frozen=True, kw_only=True):

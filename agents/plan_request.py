@@ -2,19 +2,21 @@
 
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from agents.belief import Belief
 from agents.devices import VehicleState
 from agents.messages import PoseMessage
-from agents.mission import Mission
+from agents.mission import Mission, start_pose
 from estimator.arrays import FloatArray
 from estimator.filter import Area
 from estimator.sensor import SensorModel
-from planner.plan import Commitment, PlanProblem, Trajectory, VehicleModel
+from planner.plan import UNLIMITED, Budget, Commitment, PlanProblem, Trajectory, VehicleModel
 from planner.vehicles.route import advanced
+
+RESERVE = 0.05  # share of a budget that no plan may touch
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +34,7 @@ class RobotSetup:
     plan_lead_s: float = 0.25  # how long before its start a plan is asked for
     stagger_s: float = 0.1  # at the start, robot i of the mission waits i times this before it plans
     area: Area | None = None  # with its map; None: the mission's box
+    vehicles: Mapping[str, VehicleModel] = field(default_factory=dict)  # the whole team's, to keep apart
     patience: float = 1.0  # scales the re-offer time, for teams that run faster than the wall
 
 
@@ -63,6 +66,7 @@ def plan_problem(
         area=setup.area or mission.box(),
         separation=mission.settings.separation_m,
         intensity=belief.intensity(),
+        budget=_budget(setup, start, body, trajectory),
         seed=zlib.crc32(f"{mission.seed} {robot} {number}".encode()),
     )
 
@@ -72,14 +76,43 @@ def _departure(
 ) -> tuple[float, FloatArray]:
     """When and from which full vehicle state the next trajectory begins."""
     lead = setup.plan_lead_s
-    if trajectory is None:
-        return now + lead, body.state
+    hovers = getattr(setup.vehicle, "hovers", True)
+    if trajectory is None or (not hovers and now > trajectory.end_time):
+        if hovers:
+            return now + lead, body.state
+        # It flies on meanwhile, on what is left of its way and then in circles.
+        period = setup.vehicle.control_period
+        steps = max(0, round((now + lead - body.time) / period))
+        waypoint = body.pose[:3] if trajectory is None else trajectory.waypoint
+        return body.time + steps * period, setup.vehicle.advance(body.state, waypoint, steps)
     if now + lead >= trajectory.end_time - 1e-9:
         return max(trajectory.end_time, now), trajectory.end_state
     period = setup.vehicle.control_period
     steps = max(0, round((now + lead - body.time) / period))
     state = advanced(setup.vehicle, body.state, trajectory, body.time, steps)
     return body.time + steps * period, state
+
+
+def _budget(setup: RobotSetup, start: float, body: VehicleState, trajectory: Trajectory | None) -> Budget:
+    """What the robot may spend from `start` on: its mission's budget less what is spent by then.
+
+    A part is kept back, for what a way takes beyond its samples, and for turning aside for others.
+    """
+    table = setup.mission.robot(setup.robot).budget
+    if table is None:
+        return UNLIMITED
+    spent = body.travelled
+    if trajectory is not None and start > body.time:
+        times = np.append(
+            body.time, trajectory.times[(trajectory.times > body.time) & (trajectory.times < start)]
+        )
+        times = np.append(times, min(start, max(trajectory.end_time, body.time)))
+        way = [np.interp(times, trajectory.times, trajectory.poses[:, axis]) for axis in range(3)]
+        spent += float(np.linalg.norm(np.diff(way, axis=1), axis=0).sum())
+    distance = np.inf if table.distance_m is None else table.distance_m * (1 - RESERVE) - spent
+    time = np.inf if table.time_s is None else table.time_s * (1 - RESERVE) - start
+    home = start_pose(setup.mission.robot(setup.robot))[:3] if table.return_home else None
+    return Budget(max(distance, 0.0), max(time, 0.0), home)
 
 
 def _standing(pose: PoseMessage, now: float, periods: Mapping[str, float]) -> Commitment:

@@ -14,6 +14,7 @@ from agents.belief import Belief
 from agents.devices import VehicleState
 from agents.machine import (
     Action,
+    Delayed,
     Event,
     Follow,
     Heard,
@@ -37,8 +38,10 @@ from agents.transport import PeerChange
 from agents.unacknowledged import Unacknowledged
 from planner.maasi.trigger import worth_measuring
 from planner.plan import Plan, Trajectory
+from planner.vehicles.route import routed
 
 LATE_FACTOR = 1.5  # a trajectory that takes this much longer than planned is given up
+NEAR_M = 1.0  # corners of the rest of a way are passed within this
 RETRY_S = 1.0  # after a plan that holds, the next is asked for this much later
 
 
@@ -49,7 +52,7 @@ class Robot:
         mission = setup.mission
         self.id = setup.robot
         self.stamp = Stamp(mission.team, setup.robot, setup.boot)
-        self._setup = setup
+        self.setup = self._setup = setup
         self._mission = mission
         self._area = setup.area or mission.box()
         self._order = [robot.id for robot in mission.robots]
@@ -65,6 +68,7 @@ class Robot:
         self._trajectory: Trajectory | None = None  # being followed
         self._next: Trajectory | None = None  # committed, begins at its start_time
         self._plan_at: float = now + rank * min(setup.stagger_s, 2.0 / len(self._order))
+        self._late_at = np.inf  # when the trajectory is given up if the robot was turned aside on it
         self._plan_number = 0
         self._awaited: int | None = None  # the request whose answer is awaited
         self._conditioned_on: dict[str, int] = {}
@@ -109,6 +113,8 @@ class Robot:
                 actions += self._take(event)
             elif isinstance(event, Planned):
                 actions += self._decide(now, event)
+            elif isinstance(event, Delayed):
+                actions += self._amend(now, body)
             elif isinstance(event, PeerChange) and event.peer.role == "robot" and not event.alive:
                 self.belief.forget(event.peer.id)
         self._progress(now, body)
@@ -193,6 +199,7 @@ class Robot:
     def _progress(self, now: float, body: VehicleState) -> None:
         if self._next is not None and now >= self._next.start_time:
             self._trajectory, self._next = self._next, None
+            self._late_at = self._given_up(self._trajectory)
             if self._setup.first_capture is None:
                 self._measure_at = self._trajectory.start_time
                 self._imposed = True
@@ -226,6 +233,24 @@ class Robot:
         self._plan_at = max(plan.trajectory.end_time - self._setup.plan_lead_s, now)
         self._plan_version += 1
         return [Follow(plan.trajectory), Publish(PLAN, self._plan_message(now, plan, plan.trajectory))]
+
+    def _amend(self, now: float, body: VehicleState) -> list[Action]:
+        """Reckon the rest of the way anew, from where the robot was turned aside to, and tell the others."""
+        old = self._trajectory
+        if old is None or body.arrived:
+            return []
+        self._next, self._awaited = None, None  # planned from where it will not be
+        if now >= self._late_at:
+            self._trajectory = None
+            self._plan_at = now
+            return [Follow(None)]
+        rest = old.route[max(0, int(np.searchsorted(old.route_times, now, side="right")) - 1) :]
+        way = routed(self._setup.vehicle, body.state, rest, body.time, self._period, near=NEAR_M)
+        self._trajectory = way
+        self._plan_at = max(way.end_time - self._setup.plan_lead_s, now)
+        self._plan_version += 1
+        plan = Plan(way, "goes on after it was turned aside")
+        return [Follow(way), Publish(PLAN, self._plan_message(now, plan, way))]
 
     def _plan_message(self, now: float, plan: Plan, trajectory: Trajectory) -> PlanMessage:
         return PlanMessage(

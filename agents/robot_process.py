@@ -82,6 +82,7 @@ class RobotProcess:
             robot=robot_id,
             boot=shell.boot,
             vehicle=team.vehicle_models[robot_id],
+            vehicles=team.vehicle_models,
             sensors=team.sensor_models,
             area=team.area,
             periods=team.measure_periods,
@@ -103,7 +104,7 @@ class RobotProcess:
         shell.every(HEALTH_PERIOD_S, self._publish_health)
         while not shell.stopping:
             self._body.step(shell.events())
-            await shell.sleep_until(self._robot.next_wake())
+            await shell.sleep_until(self._body.next_wake())
         self._publish_health()
 
     def close(self) -> None:

@@ -8,14 +8,17 @@ from estimator.exploration import Exploration
 from estimator.filter import Area
 from estimator.sensors.range_bearing import RangeBearing
 from planner.allocation.warm import warm_allocation
-from planner.irrt.warm import warm_irrt
+from planner.avoidance.guard import Guard, Sighting
 from planner.ground.warm import run as run_ground
 from planner.information.warm import warm_information
+from planner.irrt.warm import warm_irrt
 from planner.maasi.candidates import CandidateGrid
 from planner.maasi.maasi import Maasi
 from planner.maasi.maasi_joint import MaasiJoint
 from planner.plan import Commitment, PlannerSetup, PlanProblem, VehicleModel
 from planner.sampling.warm import warm_sampling
+from planner.vehicles.fixed_wing import FixedWing
+from planner.vehicles.point_mass import PointMass
 from planner.vehicles.quadrotor import Quadrotor
 from planner.vehicles.unicycle import Unicycle
 
@@ -25,12 +28,15 @@ def warmups() -> list[tuple[str, Callable[[], None]]]:
     return [
         ("quadrotor", lambda: _move(Quadrotor(Quadrotor.Config()))),
         ("unicycle", lambda: _move(Unicycle(Unicycle.Config()))),
+        ("point mass", lambda: _move(PointMass(PointMass.Config()))),
+        ("fixed wing", lambda: _move(FixedWing(FixedWing.Config()))),
+        ("separation", _keep_apart),
         ("ways over the ground", run_ground),
         ("(MA)ASI planner", _plan),
         ("CBBA", warm_allocation),
-        ("mutual information", warm_information),
         ("sampled paths", warm_sampling),
         ("information-rich tree", warm_irrt),
+        ("mutual information", warm_information),
     ]
 
 
@@ -39,6 +45,13 @@ def _move(vehicle: VehicleModel) -> None:
     waypoint = np.array([1.0, 0.0, 0.0])
     vehicle.advance(vehicle.begin(state, waypoint), waypoint, 2)
     vehicle.trajectory(state, waypoint, 0.0, 0.1)
+
+
+def _keep_apart() -> None:
+    vehicle = Unicycle(Unicycle.Config())
+    guard = Guard("a", {"a": vehicle, "b": vehicle}, 1.0, level=True)
+    guard.see("b", Sighting(0.0, np.array([1.0, 0.0, 0.0]), np.zeros(3)))
+    guard.decide(0.0, vehicle.initial_state(np.zeros(4)), np.array([5.0, 0.0, 0.0]))
 
 
 def _sensor(dimension: int) -> RangeBearing:

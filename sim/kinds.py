@@ -11,6 +11,8 @@ from estimator.sensors.position import Position
 from estimator.sensors.range_bearing import RangeBearing
 from estimator.sensors.range_only import RangeOnly
 from planner.plan import VehicleModel
+from planner.vehicles.fixed_wing import FixedWing
+from planner.vehicles.point_mass import PointMass
 from planner.vehicles.quadrotor import Quadrotor
 from planner.vehicles.unicycle import Unicycle
 from sim.sensor import simulated
@@ -43,6 +45,34 @@ class UnicycleKind:
     @staticmethod
     def device(config: Any, context: DeviceContext) -> Vehicle:
         return SimulatedVehicle(Unicycle(config), context.start, context.now)
+
+
+class FixedWingKind:
+    """`kind = "fixed_wing"`: an aircraft that flies shortest Dubins ways and holds on a loiter circle."""
+
+    Config = FixedWing.Config
+
+    @staticmethod
+    def model(config: Any, area: Area) -> VehicleModel:
+        return FixedWing(config)
+
+    @staticmethod
+    def device(config: Any, context: DeviceContext) -> Vehicle:
+        return SimulatedVehicle(FixedWing(config), context.start, context.now)
+
+
+class PointMassKind:
+    """`kind = "point_mass"`: goes anywhere within limits of speed and acceleration."""
+
+    Config = PointMass.Config
+
+    @staticmethod
+    def model(config: Any, area: Area) -> VehicleModel:
+        return PointMass(config)
+
+    @staticmethod
+    def device(config: Any, context: DeviceContext) -> Vehicle:
+        return SimulatedVehicle(PointMass(config), context.start, context.now)
 
 
 class _SensorKind:

@@ -97,6 +97,7 @@ class RobotNode(Node):
             robot=robot,
             boot=BOOT,
             vehicle=team.vehicle_models[robot],
+            vehicles=team.vehicle_models,
             sensors=team.sensor_models,
             area=team.area,
             periods=team.measure_periods,
@@ -119,7 +120,7 @@ class RobotNode(Node):
         self.body.step(events)
 
     def next_wake(self) -> float:
-        return self.robot.next_wake()
+        return self.body.next_wake()
 
     def health(self) -> HealthMessage:
         robot = self.robot

@@ -23,7 +23,9 @@ class SimulatedVehicle(Vehicle):
         self._steps = 0  # control steps done since `now`
         self._state = model.initial_state(start)
         self._waypoint: FloatArray = np.array(start[:3])
-        self._idle = True  # at rest where it holds: nothing changes with time
+        # At rest where it holds: nothing changes with time. What cannot stop is never idle.
+        self._idle = not model.velocity(self._state).any()
+        self._detour: FloatArray | None = None
         self._upcoming: list[tuple[int, FloatArray]] = []  # from which step on to steer for which waypoint
         self._travelled = 0.0
         self._last: list[float] = start[:3].tolist()
@@ -40,6 +42,14 @@ class SimulatedVehicle(Vehicle):
             starts = np.round((trajectory.route_times - self._origin) / self._period)
             route = list(zip(starts.astype(int).tolist(), trajectory.route, strict=True))
             self._upcoming = [leg for leg in self._upcoming if leg[0] < route[0][0]] + route
+
+    def detour(self, waypoint: FloatArray | None, now: float) -> None:
+        if waypoint is None and self._detour is None:
+            return
+        self.state(now)
+        self._detour = waypoint
+        self._state = self._model.begin(self._state, self._waypoint if waypoint is None else waypoint)
+        self._idle = False
 
     def state(self, now: float) -> VehicleState:
         target = self._step_of(now)
@@ -66,11 +76,13 @@ class SimulatedVehicle(Vehicle):
 
     def _aim(self, waypoint: FloatArray) -> None:
         self._waypoint = np.array(waypoint, dtype=np.float64)
-        self._state = self._model.begin(self._state, self._waypoint)
+        if self._detour is None:
+            self._state = self._model.begin(self._state, self._waypoint)
         self._idle = False
 
     def _advance_to(self, step: int) -> None:
         if step > self._steps:
             if not self._idle:
-                self._state = self._model.advance(self._state, self._waypoint, step - self._steps)
+                towards = self._waypoint if self._detour is None else self._detour
+                self._state = self._model.advance(self._state, towards, step - self._steps)
             self._steps = step

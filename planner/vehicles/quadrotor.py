@@ -31,9 +31,10 @@ import msgspec
 import numpy as np
 
 from estimator.arrays import FloatArray, Positive
+from planner.avoidance.halt import Evasion, stopping
 from planner.plan import Predictions, Trajectory
 from planner.vehicles.prediction import measure_steps, measure_times, sampled, step_bounds
-from planner.vehicles.quadrotor_flight import LANES, ROWS, STATES, TOLERANCE, WAYPOINT, fly, predict
+from planner.vehicles.quadrotor_flight import APPROACH, LANES, ROWS, STATES, TOLERANCE, WAYPOINT, fly, predict
 from planner.vehicles.quadrotor_lqr import lqr
 
 
@@ -73,6 +74,21 @@ class Quadrotor:
     @property
     def control_period(self) -> float:
         return 0.005
+
+    @property
+    def evasion(self) -> Evasion:
+        """How it gets out of the way: its reference brakes, and its velocity follows with the lag."""
+        return Evasion(self.config.speed_m_s, self.config.acceleration_m_s2, APPROACH, self.lqr.lag)
+
+    def aim(self, state: FloatArray) -> FloatArray:
+        """The velocity (3,) of the reference point; its own follows with the lag."""
+        return np.array(state[15:18])
+
+    def steer(self, state: FloatArray, velocity: FloatArray) -> FloatArray:
+        """The waypoint (3,) for which the reference moves at a velocity (3,), m/s."""
+        speed = float(np.linalg.norm(velocity))
+        way = stopping(speed, self.config.acceleration_m_s2, APPROACH)
+        return np.asarray(state[12:15] + velocity * (way / max(speed, 1e-9)))
 
     def initial_state(self, pose: FloatArray) -> FloatArray:
         return self.state_at(pose, np.zeros(3))

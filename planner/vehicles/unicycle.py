@@ -24,9 +24,11 @@ import numpy as np
 
 from estimator.arrays import FloatArray, IntArray, Positive
 from estimator.kernels import exact_kernel
+from planner.avoidance.halt import Evasion, stopping
 from planner.plan import Predictions, Trajectory
 from planner.vehicles.prediction import grown, measure_steps, measure_times, sampled, step_bounds
 
+SPOT_RAD, ABEAM_RAD = 0.3, 1.75
 STATES = 6  # x, y, z (kept), yaw, v, ω
 
 
@@ -69,6 +71,31 @@ class Unicycle:
     @property
     def control_period(self) -> float:
         return 0.005
+
+    @property
+    def evasion(self) -> Evasion:
+        """How it gets out of the way: it brakes straight ahead."""
+        config = self.config
+        slowing = min(config.distance_gain, math.radians(config.turn_rate_deg_s))
+        return Evasion(config.speed_m_s, config.acceleration_m_s2, slowing)
+
+    def aim(self, state: FloatArray) -> FloatArray:
+        """Its own velocity (3,)."""
+        return self.velocity(state)
+
+    def steer(self, state: FloatArray, velocity: FloatArray) -> FloatArray:
+        """The waypoint (3,) for which it turns to the direction of a velocity (3,), then drives as fast.
+
+        A direction far off its heading is first turned to on the spot, for a waypoint a little behind abeam.
+        """
+        off = math.remainder(math.atan2(velocity[1], velocity[0]) - float(state[3]), 2.0 * math.pi)
+        if SPOT_RAD < abs(off) < ABEAM_RAD and (velocity[0] != 0.0 or velocity[1] != 0.0):
+            turned = float(state[3]) + math.copysign(ABEAM_RAD, off)
+            length = float(np.hypot(velocity[0], velocity[1]))
+            velocity = np.array([length * math.cos(turned), length * math.sin(turned), 0.0])
+        speed = float(np.linalg.norm(velocity))
+        way = stopping(speed, self.config.acceleration_m_s2, self.evasion.approach)
+        return np.asarray(state[:3] + velocity * (way / max(speed, 1e-9)))
 
     def initial_state(self, pose: FloatArray) -> FloatArray:
         return np.array([pose[0], pose[1], pose[2], pose[3], 0.0, 0.0])

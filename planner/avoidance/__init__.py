@@ -1,0 +1,1 @@
+"""How robots keep apart, below planning: reciprocal, tolerant of stale positions."""
