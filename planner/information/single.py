@@ -173,13 +173,16 @@ class MutualInformation:
         )
         if deadline.over():
             return
+        before = deadline.left()
         for actions in sets:
             detection = sensor.detection(points, actions.poses.reshape(-1, 4)).reshape(
                 -1, steps, weights.size
             )
             yield Reach(actions, options(detection, weights, clutter, self.config.taylor_terms))
-            if deadline.left() < WAY_S:
+            left, spent = deadline.left(), before - deadline.left()  # NaN without a deadline
+            if left < WAY_S + 1.5 * spent:
                 return
+            before = left
 
     def followed(self, problem: PlanProblem, chosen: Chosen, deadline: Deadline) -> Plan:
         """The plan of the first action whose way is free and affordable."""
