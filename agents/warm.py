@@ -105,7 +105,7 @@ def run(console: Console, find: Callable[[], Sequence[Warmup]] = warmups, worker
             bar.stop()
     took = time.monotonic() - began
     if took > QUIET_S:
-        console.print(f"{len(todo)} kernels ready after {took:.0f} s")
+        console.print(f"kernels ready after {took:.0f} s")
 
 
 def _done(todo: Sequence[Warmup], workers: int) -> Iterable[str]:
