@@ -1,6 +1,7 @@
 """Every kernel of this room once with tiny data of run-time types, so that no robot compiles in flight."""
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -26,10 +27,10 @@ from planner.vehicles.unicycle import Unicycle
 def warmups() -> list[tuple[str, Callable[[], None]]]:
     """Names for people, and what to call."""
     return [
-        ("quadrotor", lambda: _move(Quadrotor(Quadrotor.Config()))),
-        ("unicycle", lambda: _move(Unicycle(Unicycle.Config()))),
-        ("point mass", lambda: _move(PointMass(PointMass.Config()))),
-        ("fixed wing", lambda: _move(FixedWing(FixedWing.Config()))),
+        ("quadrotor", partial(_move, Quadrotor(Quadrotor.Config()))),
+        ("unicycle", partial(_move, Unicycle(Unicycle.Config()))),
+        ("point mass", partial(_move, PointMass(PointMass.Config()))),
+        ("fixed wing", partial(_move, FixedWing(FixedWing.Config()))),
         ("separation", _keep_apart),
         ("ways over the ground", run_ground),
         ("(MA)ASI planner", _plan),

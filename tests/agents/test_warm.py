@@ -1,6 +1,7 @@
 """Warming up calls every kernel once, and is silent when there was nothing to compile."""
 
 import io
+import pickle
 from functools import partial
 from pathlib import Path
 
@@ -31,6 +32,14 @@ def test_every_kernel_is_called_once_and_nothing_is_said_when_it_was_quick(tmp_p
 def test_a_kernel_that_cannot_be_compiled_is_told() -> None:
     with pytest.raises(ValueError, match="no such kernel"):
         warm.run(Console(file=io.StringIO()), lambda: [("good", print), ("bad", fail)], 2)
+
+
+def test_every_real_warm_up_can_be_handed_to_another_process() -> None:
+    # CI once failed on a lambda here: on a developer's machine a stamp spared the calls, so nobody saw it.
+    calls = [*warm.warmups(), *warm.mission_warmups(load("quickstart"))]
+    assert len({name for name, _ in calls}) == len(calls) > 30
+    for name, call in calls:
+        assert pickle.loads(pickle.dumps(call)), name
 
 
 def test_a_mission_needs_its_own_kernels_only_and_another_seed_needs_no_others(
