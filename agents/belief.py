@@ -117,17 +117,28 @@ class Belief:
             return np.zeros((self._dimension, 0))
         return self.posterior.means
 
-    def intensity(self) -> Intensity | None:
-        """What the newest posterior and picture say of targets not yet found; None before the first."""
-        posterior, picture = self.posterior, self._picture
-        if posterior is None or picture is None:
+    def intensity(self, following: bool = False) -> Intensity | None:
+        """What the newest posterior and picture say of targets; None before the first.
+
+        Where found targets are followed they are among its clusters, each as one target.
+        """
+        p, picture = self.posterior, self._picture
+        if p is None or picture is None:
             return None
+        means, covariances, masses, velocities = p.means, p.covariances, p.masses, p.velocities
+        if following and p.found.shape[1]:
+            means = np.hstack([means, p.found])
+            covariances = np.concatenate([covariances, p.found_covariances])
+            masses = np.append(masses, np.ones(p.found.shape[1]))
+            velocities = np.hstack([velocities, p.found_velocities])
         return Intensity(
             points=picture.points.astype(np.float64),
             weights=picture.weights.astype(np.float64),
-            means=posterior.means,
-            covariances=posterior.covariances,
-            masses=posterior.masses,
+            means=means,
+            covariances=covariances,
+            masses=masses,
+            velocities=velocities,
+            time=p.time,
         )
 
     def exploration(self) -> Exploration:

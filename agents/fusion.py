@@ -30,7 +30,7 @@ from agents.statements import observation, words
 from agents.timeline import Arrival, Key, Timeline
 from agents.topics import EVENT, PICTURE, POSTERIOR
 from agents.watermark import Applied
-from estimator.search import Search, SearchState
+from estimator.search import Search, SearchState, velocities_of
 from estimator.sensor import SensorModel
 
 PICTURE_POINTS = 1500  # of the thinned intensity
@@ -170,7 +170,10 @@ class Fusion:
             covariances=clusters.covariances,
             masses=clusters.masses,
             radii=clusters.radii,
+            velocities=velocities_of(clusters),
             found=state.found,
+            found_covariances=state.found_covariances,
+            found_velocities=state.found_velocities,
             found_times=state.found_times,
             found_labels=state.found_labels,
         )

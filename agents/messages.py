@@ -109,7 +109,10 @@ class PosteriorMessage(Message, frozen=True, kw_only=True):
     covariances: Array  # (c, d, d)
     masses: Array  # (c,)
     radii: Array  # (c,)
+    velocities: Array  # (d, c) m/s, 0 where the filter estimates none
     found: Array  # (d, f) found targets
+    found_covariances: Array  # (f, d, d)
+    found_velocities: Array  # (d, f) m/s, 0 where the filter estimates none
     found_times: Array  # (f,)
     found_labels: Array  # (f,) int64, whole numbers that last over time
 

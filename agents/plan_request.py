@@ -65,7 +65,7 @@ def plan_problem(
         others=others + standing,
         area=setup.area or mission.box(),
         separation=mission.settings.separation_m,
-        intensity=belief.intensity(),
+        intensity=belief.intensity(following=not mission.found.remove),
         budget=_budget(setup, start, body, trajectory),
         seed=zlib.crc32(f"{mission.seed} {robot} {number}".encode()),
     )

@@ -27,6 +27,7 @@ class Clusters:
     masses: FloatArray  # (c,) expected number of targets in each
     radii: FloatArray  # (c,) metres, standard deviation per axis: sqrt(trace(covariance) / d)
     labels: IntArray | None = None  # (c,) identities that last over time, where the filter keeps them
+    velocities: FloatArray | None = None  # (d, c) m/s, where the filter estimates them
 
     @staticmethod
     def none(dimension: int) -> "Clusters":

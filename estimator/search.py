@@ -34,6 +34,7 @@ class SearchState(Generic[State]):
     found_covariances: FloatArray  # (f, d, d) m^2
     found_times: FloatArray  # (f,) s, when each was found
     found_labels: IntArray  # (f,) identities of the found targets, that last over time
+    found_velocities: FloatArray  # (d, f) m/s; 0 of those that stand, or whose filter estimates none
     named: int  # identities given out, where the filter has none
     exploration: Exploration
     sets: int  # applied so far
@@ -96,6 +97,7 @@ class Search(Generic[State]):
             found_covariances=np.zeros((0, d, d)),
             found_times=np.zeros(0),
             found_labels=np.zeros(0, np.int64),
+            found_velocities=np.zeros((d, 0)),
             named=0,
             exploration=self._unexplored,
             sets=0,
@@ -249,6 +251,7 @@ class Search(Generic[State]):
             found_covariances=np.stack(covariances),
             found_times=np.concatenate([state.found_times, np.full(more, state.time)]),
             found_labels=np.append(state.found_labels, np.arange(state.named, state.named + more)),
+            found_velocities=np.zeros((len(clusters.means), len(found))),
             named=state.named + more,
         )
 
@@ -285,6 +288,7 @@ class Search(Generic[State]):
             found_covariances=clusters.covariances[order],
             found_times=np.concatenate([state.found_times[before[old]], np.full(fresh, state.time)]),
             found_labels=labels,
+            found_velocities=velocities_of(_chosen(clusters, order)),
             named=state.named + fresh,
         )
 
@@ -304,13 +308,19 @@ def _together(
     return mean + gain @ (other - mean), 0.5 * (rest + rest.T)
 
 
-def _chosen(clusters: Clusters, keep: BoolArray) -> Clusters:
+def velocities_of(clusters: Clusters) -> FloatArray:
+    """Velocities (d, c) of clusters, 0 where their filter estimates none."""
+    return np.zeros_like(clusters.means) if clusters.velocities is None else clusters.velocities
+
+
+def _chosen(clusters: Clusters, keep: BoolArray | IntArray) -> Clusters:
     return Clusters(
         np.ascontiguousarray(clusters.means[:, keep]),
         clusters.covariances[keep],
         clusters.masses[keep],
         clusters.radii[keep],
         None if clusters.labels is None else clusters.labels[keep],
+        None if clusters.velocities is None else np.ascontiguousarray(clusters.velocities[:, keep]),
     )
 
 

@@ -96,13 +96,18 @@ class Commitment:
 
 @dataclass(frozen=True, slots=True)
 class Intensity:
-    """What the team believes of targets not yet found, whatever filter made it."""
+    """What the team believes of targets to search for and to follow, whatever filter made it.
+
+    Found targets that stand have left it; those that stay in the filter because they move are clusters here.
+    """
 
     points: FloatArray  # (d, n) that stand for the whole intensity, undetected targets among them
     weights: FloatArray  # (n,) expected targets each
     means: FloatArray  # (d, c) clusters: estimated targets
     covariances: FloatArray  # (c, d, d) m^2
     masses: FloatArray  # (c,) expected targets in each
+    velocities: FloatArray | None = None  # (d, c) m/s, 0 where the filter estimates none; None: all stand
+    time: float | None = None  # team time of the clusters; None: the problem's start_time
 
     @staticmethod
     def empty(dimension: int) -> "Intensity":

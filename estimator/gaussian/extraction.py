@@ -37,7 +37,13 @@ def clusters_of(
     numbers[order] = np.arange(order.size)
     found = found.chosen(order)
     radii = np.sqrt(np.trace(found.covariances, axis1=1, axis2=2) / d)
-    clusters = Clusters(found.positions(d), found.covariances, found.weights, radii)
+    velocities = None
+    if components.means.shape[1] >= 2 * d:
+        momenta = components.weights[:, None] * components.means[:, d : 2 * d]
+        sums = np.zeros((count, d))
+        np.add.at(sums, groups, momenta)
+        velocities = np.ascontiguousarray((sums[order] / found.weights[:, None]).T)
+    clusters = Clusters(found.positions(d), found.covariances, found.weights, radii, velocities=velocities)
     return clusters, np.asarray(numbers[groups] if count else groups)
 
 

@@ -198,6 +198,7 @@ class Kalman:
             np.ones(1),
             np.array([radius]),
             np.zeros(1, np.int64),
+            state.mean[d : 2 * d, None].copy() if state.mean.size >= 2 * d else None,
         )
         return state, found
 

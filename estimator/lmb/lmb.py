@@ -170,10 +170,13 @@ class Lmb:
         shown = np.flatnonzero(tracks.existence >= self.config.cluster_least_existence)
         shown = shown[np.argsort(-tracks.existence[shown], kind="stable")]
         chosen = tracks.chosen(shown)
-        means, covariances = chosen.moments(d)
+        means, covariances = chosen.moments(chosen.components.means.shape[1])
+        covariances = np.ascontiguousarray(covariances[:, :d, :d])
         radii = np.sqrt(np.trace(covariances, axis1=1, axis2=2) / d)
-        places = np.ascontiguousarray(means.T)
-        found = Clusters(places, covariances, chosen.existence, radii, chosen.labels)
+        places = np.ascontiguousarray(means[:, :d].T)
+        moving = means.shape[1] >= 2 * d
+        velocities = np.ascontiguousarray(means[:, d : 2 * d].T) if moving else None
+        found = Clusters(places, covariances, chosen.existence, radii, chosen.labels, velocities)
         history = state.history
         if self.config.remembered:
             there = chosen.existence >= _THERE

@@ -25,6 +25,7 @@ def posterior(time: float, found: FloatArray, labels: list[int]) -> PosteriorMes
         "covariances": np.zeros((0, 2, 2)),
         "masses": np.zeros(0),
         "radii": np.zeros(0),
+        "velocities": np.zeros((2, 0)),
     }
     return PosteriorMessage(
         team="crossing",
@@ -36,6 +37,8 @@ def posterior(time: float, found: FloatArray, labels: list[int]) -> PosteriorMes
         applied=int(time),
         expected_cardinality=2.0,
         found=np.ascontiguousarray(found),
+        found_covariances=np.tile(np.eye(2), (found.shape[1], 1, 1)),
+        found_velocities=np.zeros_like(found),
         found_times=np.zeros(found.shape[1]),
         found_labels=np.array(labels, np.int64),
         **none,

@@ -19,7 +19,10 @@ def posterior(**watermark: Watermark) -> PosteriorMessage:
         covariances=np.zeros((0, 2, 2)),
         masses=np.zeros(0),
         radii=np.zeros(0),
+        velocities=np.zeros((2, 0)),
         found=np.zeros((2, 0)),
+        found_covariances=np.zeros((0, 2, 2)),
+        found_velocities=np.zeros((2, 0)),
         found_times=np.zeros(0),
         found_labels=np.zeros(0, np.int64),
     )

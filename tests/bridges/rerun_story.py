@@ -210,7 +210,10 @@ class Story:
             covariances=sigma[:, None, None] ** 2 * stretch[None],
             masses=np.ones(c),
             radii=sigma,
+            velocities=np.zeros((d, c)),
             found=self.targets[:, [i for i, _ in found]],
+            found_covariances=np.tile(np.eye(d), (len(found), 1, 1)),
+            found_velocities=np.zeros((d, len(found))),
             found_times=np.array([t for _, t in found]),
             found_labels=np.arange(len(found)),
         )

@@ -224,6 +224,8 @@ def test_found_targets_that_stay_in_the_filter_are_followed_as_they_move(labelle
             truth = [30.0 + k, 40.0] if row == 0 else [60.0 - k, 55.0]
             assert np.linalg.norm(place - truth) < 1.5
             assert names.setdefault(label, row) == row
+    for place, velocity in zip(last.found.T, last.found_velocities.T, strict=True):
+        np.testing.assert_allclose(velocity, [1.0 if place[1] < 47.0 else -1.0, 0.0], atol=0.25)
     assert len(names) == 2
     assert (np.diff([s.found_times.min() for s in course[5:]]) == 0.0).all()
 
