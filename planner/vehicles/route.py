@@ -13,7 +13,6 @@ from planner.plan import Trajectory, VehicleModel
 from planner.vehicles.prediction import SAMPLES, measure_steps, sampled
 
 LOOK_S = 0.05  # how often it is asked whether a waypoint is near enough
-PATIENCE_S = 600.0  # for one leg
 
 
 def routed(
@@ -26,7 +25,7 @@ def routed(
     near: float,
 ) -> Trajectory:
     """The trajectory through waypoints `route` (r, 3), each but the last passed within `near` metres
-    (or reached, if that comes first).
+    (or reached, if that comes first). One that is not is left where the model's prediction gives it up.
 
     It measures at its start and every `measure_period` seconds from there.
 
@@ -42,36 +41,38 @@ def routed(
         return sampled(model, state, route[0], start_time, measure_period)
     period = model.control_period
     every = measure_steps(measure_period, period)
-    look = max(1, round(LOOK_S / period))
-    step, handovers = 0, []
-    steps, poses = [0], [model.pose(state)]
-    measured_steps, measured = [0], [model.pose(state)]
+    look = _look_steps(every, period)
+    state = np.array(state, dtype=np.float64)
+    step, handovers, poses = 0, [], []
     for i, waypoint in enumerate(route):
-        state = model.begin(state, waypoint)
         handovers.append(step)
-        last, given_up = i == len(route) - 1, step + round(PATIENCE_S / period)
-        while step < given_up and not _there(model, state, waypoint, None if last else near):
-            to_measure = every - step % every
-            stride = 1 if last and _close(model, state, waypoint, look * period) else min(look, to_measure)
-            state = model.advance(state, waypoint, stride)
-            step += stride
-            if step % every == 0:
-                measured_steps.append(step)
-                measured.append(model.pose(state))
-            if step % look == 0:
-                steps.append(step)
-                poses.append(model.pose(state))
-    stride = max(1, math.ceil(len(steps) / (SAMPLES - 1)))
-    times = np.append(np.array(steps[::stride], dtype=np.float64), step) * period
-    before = [k for k, taken in enumerate(measured_steps) if taken < step or k == 0]
+        leg = model.predict(state, waypoint[None], look * period)
+        taken = int(leg.steps[0])
+        passed = leg.measure_poses[: math.ceil(taken / look)]
+        if i == len(route) - 1:
+            state = leg.end_states[0]
+        else:
+            # All legs but the last end at a look, so that measurements fall on looks too.
+            close = np.linalg.norm(passed[:, :3] - waypoint, axis=1) < near
+            looks = int(np.argmax(close)) if close.any() else len(passed)
+            taken = looks * look
+            if taken:
+                state = model.advance(model.begin(state, waypoint), waypoint, taken)
+            passed = passed[:looks]
+        poses.append(passed)
+        step += taken
+    looked = np.vstack(poses) if step else model.pose(state)[None]
+    stride = max(1, math.ceil(len(looked) / (SAMPLES - 1)))
+    times = np.append(np.arange(0, len(looked), stride) * look, step) * period
+    measured = np.arange(0, len(looked), every // look)
     return Trajectory(
         waypoint=route[-1].copy(),
         start_time=start_time,
         end_time=start_time + step * period,
-        measure_times=start_time + np.array([measured_steps[k] for k in before]) * period,
-        measure_poses=np.stack([measured[k] for k in before]),
+        measure_times=start_time + measured * look * period,
+        measure_poses=looked[measured],
         times=start_time + times,
-        poses=np.vstack([np.stack(poses[::stride]), model.pose(state)]),
+        poses=np.vstack([looked[::stride], model.pose(state)]),
         end_state=np.array(state),
         control_cost=0.0,
         route=route,
@@ -96,13 +97,9 @@ def advanced(
     return state
 
 
-def _there(model: VehicleModel, state: FloatArray, waypoint: FloatArray, near: float | None) -> bool:
-    if near is None or model.reached(state, waypoint):
-        return model.reached(state, waypoint)
-    return bool(np.linalg.norm(model.pose(state)[:3] - waypoint) < near)
-
-
-def _close(model: VehicleModel, state: FloatArray, waypoint: FloatArray, seconds: float) -> bool:
-    """Whether the waypoint may be reached within so many seconds."""
-    gap = float(np.linalg.norm(model.pose(state)[:3] - waypoint))
-    return gap <= 2.0 * seconds * float(np.linalg.norm(model.velocity(state))) + 0.5
+def _look_steps(every: int, control_period: float) -> int:
+    """Control steps between looks: about LOOK_S, and a whole number of times in a measurement period."""
+    parts = max(1, math.ceil(every * control_period / LOOK_S - 1e-9))
+    while every % parts:
+        parts += 1
+    return every // parts
