@@ -25,7 +25,7 @@ from agents.histogram import BINS
 from agents.topics import Topic
 
 # A claimed length is allocated before it is read, and lists can be nested: these keep a small hostile
-# payload from asking for gigabytes. The longest honest list is a watermark's `beyond`.
+# payload from asking for gigabytes. The longest honest lists are ranges of a watermark.
 MAX_ITEMS = 10_000
 MAX_STRING_BYTES = 10_000
 

@@ -93,10 +93,10 @@ class PlanMessage(Message, frozen=True, kw_only=True):
 
 
 class Watermark(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What of one robot's or operator's boot is durable and applied: all of 0..upto, and each of beyond."""
+    """What of one robot's or operator's boot is durable and applied: 0..upto, and the ranges beyond it."""
 
-    upto: Annotated[int, Meta(ge=-1)]
-    beyond: list[int] = []
+    upto: Annotated[int, Meta(ge=-1, le=2**53)]
+    beyond: list[tuple[Sequence, Sequence]] = []  # first and last of each, growing
 
 
 class PosteriorMessage(Message, frozen=True, kw_only=True):

@@ -7,11 +7,13 @@ from agents.messages import (
     PoseMessage,
     PosteriorMessage,
     TruthMessage,
+    Watermark,
 )
 from agents.mission import Mission
 from agents.status_table import ProcessStatus, TeamStatus
 from agents.topics import SET
 from agents.transport import PeerChange
+from agents.watermark import counted
 
 
 class StatusBoard:
@@ -28,6 +30,7 @@ class StatusBoard:
         self._sets: dict[tuple[str, str], int] = {}  # sets sent, by process and boot
         self._rejected: dict[str, int] = {}
         self._posterior: PosteriorMessage | None = None
+        self._marks: dict[str, Watermark] = {}  # by boot: a posterior need not tell of those that ended
         self._total: int | None = None
         self._note = ""
 
@@ -61,6 +64,7 @@ class StatusBoard:
             case PosteriorMessage():
                 if self._posterior is None or message.applied >= self._posterior.applied:
                     self._posterior = message
+                    self._marks.update(message.watermark)
             case TruthMessage():
                 self._total = message.targets.shape[1]
             case EventMessage():
@@ -113,7 +117,7 @@ class StatusBoard:
         if role == "fusion":
             return self._posterior.applied
         return sum(
-            mark.upto + 1 + len(mark.beyond)
-            for stream, mark in self._posterior.watermark.items()
+            counted(mark)
+            for stream, mark in self._marks.items()
             if stream.startswith(f"{name}/")
         )

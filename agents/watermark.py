@@ -1,8 +1,16 @@
-"""Which sets or soft observations of a sender's boot are durable and applied, in few numbers."""
+"""Which sets or soft observations of a sender's boot are durable and applied, in few numbers.
 
-from collections.abc import Iterable
+What a posterior carries of it is bounded whatever happens: a boot's numbers stand as ranges, of which at
+most RANGES are told, and boots that ended are told of only while somebody still offers sets of theirs.
+"""
+
+from collections import OrderedDict
+from collections.abc import Iterable, Iterator
 
 from agents.messages import LedgerEntry, Watermark
+
+RANGES = 64  # beyond a gap, in one watermark: what is not told of is offered again, and is then a duplicate
+OLD_BOOTS = 64  # of boots that are not their sender's newest, in one posterior
 
 
 def source(sender: str, boot: str) -> str:
@@ -10,12 +18,45 @@ def source(sender: str, boot: str) -> str:
     return f"{sender}/{boot}"
 
 
+def covers(watermark: Watermark | None, sequence: int) -> bool:
+    """Whether a watermark says that a number is durable and applied."""
+    if watermark is None:
+        return False
+    return sequence <= watermark.upto or any(a <= sequence <= b for a, b in watermark.beyond)
+
+
+def counted(watermark: Watermark) -> int:
+    """How many numbers a watermark covers."""
+    return watermark.upto + 1 + sum(b - a + 1 for a, b in watermark.beyond)
+
+
+def covered(watermark: Watermark | None) -> Iterator[tuple[int, int]]:
+    """The ranges of numbers, first and last, that a watermark covers."""
+    if watermark is not None:
+        if watermark.upto >= 0:
+            yield 0, watermark.upto
+        yield from watermark.beyond
+
+
+def uncovered(watermark: Watermark | None, sequences: Iterable[int]) -> list[int]:
+    """Those of a boot's sequence numbers that the watermark does not cover."""
+    return [number for number in sequences if not covers(watermark, number)]
+
+
 class Applied:
     """Grows as entries of the ledger are applied; `watermarks()` is what the posterior carries."""
 
-    def __init__(self) -> None:
+    def __init__(self, watermarks: dict[str, Watermark] | None = None) -> None:
+        """Nothing, or what `all` gave."""
         self._upto: dict[str, int] = {}
         self._beyond: dict[str, set[int]] = {}
+        self._marks: dict[str, Watermark] = {}  # as last told; absent where something was added since
+        self._newest: dict[str, str] = {}  # sender -> its source that was added to last
+        self._asked: OrderedDict[str, None] = OrderedDict()  # sources of late, the latest last
+        for name, mark in (watermarks or {}).items():
+            self._upto[name] = mark.upto
+            self._beyond[name] = {number for a, b in mark.beyond for number in range(a, b + 1)}
+            self._newest[name.partition("/")[0]] = name
 
     def __repr__(self) -> str:
         return f"Applied({self.watermarks()})"
@@ -27,24 +68,68 @@ class Applied:
     def add(self, message: LedgerEntry) -> None:
         """Count an entry as applied."""
         name = source(message.sender, message.boot)
-        beyond = self._beyond.setdefault(name, set())
-        beyond.add(message.sequence)
+        self.add_number(name, message.sequence)
+        self._newest[message.sender] = name
+
+    def add_number(self, name: str, sequence: int) -> None:
+        """Count a number of a source as applied."""
         upto = self._upto.get(name, -1)
-        while upto + 1 in beyond:
+        if sequence == upto + 1 and not self._beyond.get(name):
             upto += 1
-            beyond.remove(upto)
+        else:
+            beyond = self._beyond.setdefault(name, set())
+            beyond.add(sequence)
+            while upto + 1 in beyond:
+                upto += 1
+                beyond.remove(upto)
         self._upto[name] = upto
+        self._marks.pop(name, None)
+        self.asked(name)
+
+    def asked(self, name: str) -> None:
+        """Somebody offers what a source sent: its watermark is of interest."""
+        self._asked[name] = None
+        self._asked.move_to_end(name)
+        if len(self._asked) > OLD_BOOTS:
+            self._asked.popitem(last=False)
 
     def watermarks(self) -> dict[str, Watermark]:
-        """By sender and boot."""
-        return {
-            name: Watermark(upto=upto, beyond=sorted(self._beyond[name])) for name, upto in self._upto.items()
-        }
+        """By sender and boot: of every sender the newest boot, and boots that were offered of late."""
+        names = dict.fromkeys((*self._newest.values(), *(n for n in self._asked if n in self._upto)))
+        return {name: self.mark(name) for name in names}
+
+    def all(self) -> dict[str, Watermark]:
+        """Of every boot there ever was, with all its ranges."""
+        return {name: self._mark(name, None) for name in self._upto}
+
+    def names(self) -> list[str]:
+        """All sources, in order."""
+        return sorted(self._upto)
+
+    def mark(self, name: str) -> Watermark:
+        """A source's watermark as it is told; with nothing of it, -1."""
+        mark = self._marks.get(name)
+        if mark is None:
+            mark = self._mark(name, RANGES)
+            if name in self._upto:
+                self._marks[name] = mark
+        return mark
+
+    def _mark(self, name: str, most: int | None) -> Watermark:
+        upto, beyond = self._upto.get(name, -1), self._beyond.get(name)
+        return Watermark(upto=upto, beyond=_ranges(sorted(beyond), most) if beyond else [])
 
 
-def uncovered(watermark: Watermark | None, sequences: Iterable[int]) -> list[int]:
-    """Those of a boot's sequence numbers that the watermark does not cover."""
-    if watermark is None:
-        return list(sequences)
-    beyond = set(watermark.beyond)
-    return [number for number in sequences if number > watermark.upto and number not in beyond]
+def _ranges(numbers: list[int], most: int | None) -> list[tuple[int, int]]:
+    """First and last of each run in growing numbers; the first `most` runs."""
+    found: list[tuple[int, int]] = []
+    begin = last = numbers[0]
+    for number in numbers[1:]:
+        if number != last + 1:
+            found.append((begin, last))
+            if most is not None and len(found) == most:
+                return found
+            begin = number
+        last = number
+    found.append((begin, last))
+    return found

@@ -79,7 +79,7 @@ def examples(seed: int = 0, d: int = 2, m_: int = 3, c: int = 2, f: int = 1) -> 
         ),
         "posterior": m.PosteriorMessage(
             **HEAD,
-            watermark={"r1/b0": m.Watermark(upto=3, beyond=[5, 9]), "r2/b1": m.Watermark(upto=-1)},
+            watermark={"r1/b0": m.Watermark(upto=3, beyond=[(5, 5), (8, 9)]), "r2/b1": m.Watermark(upto=-1)},
             applied=6,
             expected_cardinality=4.2,
             means=rng.normal(size=(d, c)),

@@ -32,7 +32,7 @@ def test_what_the_watermark_covers_is_forgotten() -> None:
     waiting = Unacknowledged("b1", 2.0)
     for sequence in range(3):
         waiting.add(measurement_set(sequence))
-    waiting.acknowledge("r1", posterior(r1_b1=Watermark(upto=0, beyond=[2])))
+    waiting.acknowledge("r1", posterior(r1_b1=Watermark(upto=0, beyond=[(2, 2)])))
     assert len(waiting) == 1
     waiting.acknowledge("r1", posterior(r1_b1=Watermark(upto=2)))
     assert len(waiting) == 0
