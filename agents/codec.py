@@ -73,6 +73,7 @@ ARRAYS: dict[type[m.Message], dict[str, ArraySpec]] = {
         "points": ArraySpec("<f4", ("d", "k")),
         "weights": ArraySpec("<f4", ("k",)),
     },
+    m.StartMessage: {"answers": _floats(2)},
     m.HealthMessage: {"histograms": ArraySpec("<i8", (BINS,))},
     m.TruthMessage: {"targets": _floats("d", "n")},
 }

@@ -22,6 +22,12 @@ class LinkError(SearchpartyError):
     exit_code = 3
 
 
+class JoinError(SearchpartyError):
+    """This process may not be in the team: its id is taken, its clock or its certificate is wrong."""
+
+    exit_code = 6
+
+
 class DataError(SearchpartyError):
     """Input other than the mission is missing or unreadable: a recording, a map."""
 

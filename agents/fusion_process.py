@@ -8,18 +8,19 @@ from functools import partial
 from pathlib import Path
 
 from agents.clock import TeamClock
+from agents.clock_sync import ClockAnswers
 from agents.fusion import Fusion, FusionSetup
 from agents.health import health_message
 from agents.histogram import Histogram
 from agents.ledger import Ledger
 from agents.machine import Event, Heard, Publish, Store
-from agents.messages import LedgerEntry, MeasurementSetMessage, StartMessage
+from agents.messages import ClockMessage, LedgerEntry, MeasurementSetMessage, StartMessage
 from agents.mission import Mission
 from agents.mission_file import mission_hash
 from agents.rehearsal import rehearse_fusion
 from agents.shell import HEALTH_PERIOD_S, Shell, run_until_done
 from agents.team import Team
-from agents.topics import EVENT, HEALTH, PICTURE, POSTERIOR, SET, SOFT_OBSERVATION, START
+from agents.topics import CLOCK, EVENT, HEALTH, PICTURE, POSTERIOR, SET, SOFT_OBSERVATION, START
 from agents.transport import PeerChange
 
 NAME = "fusion"
@@ -56,6 +57,7 @@ async def _main(mission: Mission, path: Path, connect: Sequence[str], speed: flo
         async with Shell(mission, "fusion", name, connect) as shell:
             shell.transport.subscribe(SET)
             shell.transport.subscribe(SOFT_OBSERVATION)
+            shell.transport.subscribe(CLOCK)
             for topic in (START, POSTERIOR, PICTURE, HEALTH, EVENT):
                 shell.transport.prepare(topic)
             process = FusionProcess(shell, team, ledger, speed)
@@ -74,6 +76,7 @@ class FusionProcess:
         self._latency_ms = Histogram()
         self._robots: set[str] = set()
         self._early: list[Event] = []
+        self._answers = ClockAnswers()
         setup = FusionSetup(team.mission, shell.name, shell.boot, team.search(), team.sensor_models)
         self._fusion = Fusion(setup, team.mission.seed)
         self._fusion.stamp = shell.stamp
@@ -144,7 +147,15 @@ class FusionProcess:
             if isinstance(event, PeerChange) and event.peer.role == "robot":
                 verb = "is here" if event.alive else "is gone"
                 shell.announce(f"{event.peer.id} {verb}", "info" if event.alive else "warning")
-        for action in self._fusion.step(shell.clock.now(), events):
+        now = shell.clock.now()
+        first = [
+            self._answers.hear(event.message, now)
+            for event in events
+            if isinstance(event, Heard) and isinstance(event.message, ClockMessage)
+        ]
+        if any(first):
+            self._publish_start()
+        for action in self._fusion.step(now, events):
             if isinstance(action, Store):
                 self._ledger.store(action.entries)
             elif isinstance(action, Publish):
@@ -166,6 +177,7 @@ class FusionProcess:
             speed=clock.speed,
             seed=shell.mission.seed,
             mission_hash=mission_hash(shell.mission),
+            answers=self._answers.take(),
         )
         shell.publish(START, message)
 

@@ -47,7 +47,14 @@ class Delayed:
     """The vehicle was turned aside to keep apart from others: its trajectory is not true any more."""
 
 
-Event = Heard | Measured | Planned | PeerChange | Delayed
+@dataclass(frozen=True, slots=True)
+class ClockTrust:
+    """Whether the clock is near enough to the team's to take capture times from it; it is until told so."""
+
+    trusted: bool
+
+
+Event = Heard | Measured | Planned | PeerChange | Delayed | ClockTrust
 
 
 @dataclass(frozen=True, slots=True)

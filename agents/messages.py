@@ -38,6 +38,13 @@ class StartMessage(Message, frozen=True, kw_only=True):
     speed: Annotated[float, Meta(gt=0, le=1e4)]
     seed: int
     mission_hash: Annotated[str, Meta(max_length=64)]
+    answers: dict[str, Array] = {}  # "asker/boot" -> (2,): what it showed, and team time when that came
+
+
+class ClockMessage(Message, frozen=True, kw_only=True):
+    """A process asks the fusion what time it is; the start message answers."""
+
+    shown: float  # the asker's own clock, uncorrected, team seconds
 
 
 class PoseMessage(Message, frozen=True, kw_only=True):

@@ -100,6 +100,14 @@ class TeamTable(Strict, frozen=True, kw_only=True):
     start_timeout_s: Positive = 30.0  # the fusion waits this long (wall) for all robots before it starts
 
 
+class ClockTable(Strict, frozen=True, kw_only=True):
+    """How processes keep to the fusion's clock, which is the team's."""
+
+    correct_up_to_s: Positive = 10.0  # a clock further off than this (wall) is refused, not corrected
+    ask_every_s: Positive = 1.0  # a process asks the fusion for the time this often (wall)
+    drift_ppm: NonNegative = 200.0  # two clocks run apart by at most this many microseconds in a second
+
+
 class RestartTable(Strict, frozen=True, kw_only=True):
     """What `swarm` does when a process dies."""
 
@@ -166,6 +174,7 @@ class Mission(Strict, frozen=True, kw_only=True):
     fusion: FusionTable = FusionTable()
     link: LinkTable = LinkTable()
     settings: TeamTable = TeamTable()
+    clock: ClockTable = ClockTable()
     restart: RestartTable = RestartTable()
     robots: Annotated[list[RobotTable], Meta(min_length=1)]
     statements: list[StatementTable] = []

@@ -14,6 +14,7 @@ from agents.belief import Belief
 from agents.devices import VehicleState
 from agents.machine import (
     Action,
+    ClockTrust,
     Delayed,
     Event,
     Follow,
@@ -80,6 +81,8 @@ class Robot:
         self._pose_at = now
         self._body: VehicleState | None = None
         self.skipped_measurements = 0
+        self.untimed_measurements = 0  # not taken, because nobody could say when
+        self._clock_trusted = True
 
     def __repr__(self) -> str:
         return f"Robot({self.id}, {self.state}, plan={self._plan_version}, {self.unacknowledged})"
@@ -115,6 +118,8 @@ class Robot:
                 actions += self._decide(now, event)
             elif isinstance(event, Delayed):
                 actions += self._amend(now, body)
+            elif isinstance(event, ClockTrust):
+                self._clock_trusted = event.trusted
             elif isinstance(event, PeerChange) and event.peer.role == "robot" and not event.alive:
                 self.belief.forget(event.peer.id)
         self._progress(now, body)
@@ -169,6 +174,9 @@ class Robot:
         missed = max(0, int((now - deadline) / self._period))
         self._measure_at = deadline + (missed + 1) * self._period
         imposed, self._imposed = self._imposed, False
+        if not self._clock_trusted:
+            self.untimed_measurements += 1
+            return []
         trigger = self._mission.trigger
         if trigger.enabled and not imposed and self._body is not None:
             worth = worth_measuring(

@@ -154,6 +154,7 @@ class RobotProcess:
                 "reoffered": robot.unacknowledged.reoffered,
                 "unacknowledged": len(robot.unacknowledged),
                 "skipped_measurements": robot.skipped_measurements,
+                "untimed_measurements": robot.untimed_measurements,
             },
             shell.gauges(),
             {"measure_clock_lateness_ms": self._body.lateness_ms, "plan_ms": self._plan_ms},

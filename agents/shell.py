@@ -6,7 +6,6 @@ the agent's next wake or until something arrives.
 
 import asyncio
 import contextlib
-import os
 import secrets
 import signal
 import sys
@@ -17,18 +16,21 @@ from typing import Any
 import psutil
 
 from agents import codec, lifeline
-from agents.clock import Clock, TeamClock
-from agents.errors import LinkError, MissionError
-from agents.machine import Event, Stamp
+from agents.clock import TeamClock
+from agents.clock_sync import ClockState, ClockSync
+from agents.errors import JoinError, LinkError, MissionError
+from agents.machine import ClockTrust, Event, Heard, Stamp
 from agents.mailbox import Mailbox
-from agents.messages import EventMessage, Message, StartMessage
+from agents.messages import ClockMessage, EventMessage, Message, StartMessage
 from agents.mission import Mission
 from agents.mission_file import mission_hash
 from agents.plugins import load
-from agents.topics import EVENT, START, Topic
-from agents.transport import Peer, Transport
+from agents.topics import CLOCK, EVENT, START, Topic
+from agents.transport import Peer, PeerChange, Transport
 
 HEALTH_PERIOD_S = 1.0  # wall time
+FIRST_ANSWER_S = 3.0  # wall time that a process waits to be told by how much its clock is off
+FIRST_ASK_S = 0.25  # and asks again meanwhile
 SWITCH_INTERVAL_S = 0.0005  # a planner's Python part lets the measure clock in this quickly
 
 
@@ -47,7 +49,8 @@ class Shell:
         self.boot = new_boot()
         self.stamp = Stamp(mission.team, name, self.boot)
         self.mailbox = Mailbox(mission.team, self.log)
-        self.clock: Clock = TeamClock(time.time())
+        self.clock = TeamClock(time.time())
+        self.sync: ClockSync | None = None  # once the team has started; the fusion has none
         self._stopping = False
         self.wake = asyncio.Event()
         self._loop = asyncio.get_running_loop()
@@ -93,6 +96,9 @@ class Shell:
         """All that happened since the last call."""
         events: list[Event] = [*self.transport.drain_peer_changes()]
         events += self.mailbox.open(self.transport.drain())
+        for event in list(events):
+            if isinstance(event, Heard) and isinstance(event.message, StartMessage):
+                events += self._set_clock(event.message)
         told, self._told = self._told, []
         return events + told
 
@@ -109,7 +115,7 @@ class Shell:
 
     async def sleep_until(self, team_time: float) -> None:
         """Until then, or until something arrives."""
-        delay = (team_time - self.clock.now()) / self.clock.speed
+        delay = self.clock.delay_until(team_time)
         if delay > 0 and not self.stopping:
             timer = self._loop.call_later(delay, self.wake.set)
             await self.wake.wait()
@@ -128,14 +134,48 @@ class Shell:
 
         self._loop.call_soon(again)
 
+    def adopt(self, message: StartMessage) -> None:
+        """Take over the team's time, and ask from now on how far this machine's clock is off."""
+        self.clock = TeamClock(message.epoch, message.speed)
+        asking = self.sync is not None
+        self.sync = ClockSync(self.name, self.boot, self.mission.clock, message.speed)
+        if not asking:
+            self.every(min(FIRST_ASK_S, self.mission.clock.ask_every_s), self._ask_time)
+
+    def _ask_time(self) -> None:
+        sync, raw = self.sync, self.clock.raw()
+        if sync is not None and (sync.state is ClockState.UNKNOWN or sync.due(raw)):
+            header = self.stamp.header(CLOCK, self.clock.now())
+            self.publish(CLOCK, ClockMessage(**header, shown=self.clock.raw()))
+
+    def _set_clock(self, message: StartMessage) -> list[Event]:
+        """Correct the clock if an answer says so; a change of trust is an event."""
+        sync, raw = self.sync, self.clock.raw()
+        if sync is None:
+            return []
+        before, correction = sync.state, sync.correction
+        if not sync.hear(message, raw):
+            return []
+        if sync.correction != correction:
+            self.clock.correction.set(sync.correction, raw)
+        if before is ClockState.UNKNOWN or (before is ClockState.REFUSED) == (not sync.trusted):
+            return []
+        if sync.trusted:
+            self.announce(f"the clock of {self.name} is near enough to the team's again")
+        else:
+            self.announce(sync.sentence(self.name), "error")
+        return [ClockTrust(sync.trusted)]
+
     async def join_team(self) -> int:
         """Wait for the fusion's start message, take over its clock; the run's seed.
 
         Raises:
             MissionError: if the fusion runs another mission than this process.
+            JoinError: if this machine's clock is too far off.
         """
         self.transport.subscribe(START)
         told = 0.0
+        peers: list[Event] = []
         while not self.stopping:
             for event in self.events():
                 message = getattr(event, "message", None)
@@ -145,8 +185,12 @@ class Shell:
                             f"{self.name} has another mission file than {message.sender}: "
                             "give every process of the team the same file"
                         )
-                    self.clock = TeamClock(message.epoch, message.speed)
+                    self.adopt(message)
+                    await self._first_answer()
+                    self._told = peers + self._told
                     return message.seed
+                if isinstance(event, PeerChange):
+                    peers.append(event)
             if time.monotonic() - told > 10.0:
                 told = time.monotonic()
                 self.log("waiting for the fusion to start the team")
@@ -155,18 +199,40 @@ class Shell:
             self.wake.clear()
         raise LinkError("stopped before the team started")
 
+    async def _first_answer(self) -> None:
+        """Wait until it is known how far the clock is off; begin with that correction."""
+        sync = self.sync
+        assert sync is not None
+        deadline = time.monotonic() + FIRST_ANSWER_S
+        kept: list[Event] = []
+        while sync.state is ClockState.UNKNOWN and not self.stopping and time.monotonic() < deadline:
+            with contextlib.suppress(TimeoutError):
+                await asyncio.wait_for(self.wake.wait(), FIRST_ASK_S)
+            self.wake.clear()
+            kept += self.events()
+        self._told = kept + self._told
+        if not sync.trusted:
+            raise JoinError(sync.sentence(self.name))
+        if sync.state is ClockState.UNKNOWN:
+            self.log("the fusion does not say what time it is: going by this machine's clock meanwhile")
+        self.clock.correction.start(sync.correction)
+        if sync.state is ClockState.CORRECTED:
+            self.log(f"the clock is corrected by {sync.correction / self.clock.speed:+.4f} s")
+
     def gauges(self) -> dict[str, float]:
         """What the operating system says of this process."""
-        return {"memory_mb": _process().memory_info().rss / 1e6, "cpu_s": sum(_process().cpu_times()[:2])}
+        clock = {} if self.sync is None else self.sync.gauges(self.clock.raw())
+        process = psutil.Process()
+        return {
+            "memory_mb": process.memory_info().rss / 1e6,
+            "cpu_s": sum(process.cpu_times()[:2]),
+            **clock,
+        }
 
     def _wake_from_any_thread(self) -> None:
         # A closed loop means the process is ending: nobody is left to wake.
         with contextlib.suppress(RuntimeError):
             self._loop.call_soon_threadsafe(self.wake.set)
-
-
-def _process() -> psutil.Process:
-    return psutil.Process(os.getpid())
 
 
 def run_until_done(main: Callable[[], Any]) -> int:

@@ -15,7 +15,7 @@ from enum import Enum
 from pathlib import Path
 from typing import Self
 
-from agents.errors import DataError, MissionError, SearchpartyError, StorageError
+from agents.errors import DataError, JoinError, MissionError, SearchpartyError, StorageError
 from agents.lifeline import Lifeline
 from agents.nursery import ONE_THREAD, ForkedProcess, Nursery, NurseryError
 from agents.processes import Command
@@ -27,7 +27,7 @@ SETTLED_S = 10.0  # a process that ran this long may fail anew
 ATTEMPTS = 8  # failures in a row, none of them settled, before it is given up
 
 # Ends that another start would only repeat.
-_FINAL = {0, MissionError.exit_code, DataError.exit_code, StorageError.exit_code}
+_FINAL = {0, MissionError.exit_code, JoinError.exit_code, DataError.exit_code, StorageError.exit_code}
 
 
 class State(Enum):

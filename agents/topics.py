@@ -64,13 +64,15 @@ PICTURE = Topic(
     10.0,
     "robot goes on with the last",
 )
-START = Topic("start", m.StartMessage, True, 1, 1.0, 4, Drop.LATEST_ONLY, 2_000, 0.0, "never")
+START = Topic("start", m.StartMessage, True, 1, 1.0, 16, Drop.LATEST_ONLY, 200_000, 0.0, "never")
+CLOCK = Topic("clock", m.ClockMessage, False, 0, 1.0, 1024, Drop.OLDEST, 1_000, 0.0, "never")
 HEALTH = Topic("health", m.HealthMessage, True, 1, 1.0, 256, Drop.LATEST_ONLY, 100_000, 5.0, "shown silent")
 EVENT = Topic("event", m.EventMessage, True, 16, 0.0, 1024, Drop.OLDEST, 4_000, 0.0, "never")
 TRUTH = Topic("truth", m.TruthMessage, True, 1, 1.0, 4, Drop.LATEST_ONLY, 2_000_000, 0.0, "never")
 
 TOPICS: dict[str, Topic] = {
-    t.name: t for t in (POSE, SET, SOFT_OBSERVATION, PLAN, POSTERIOR, PICTURE, START, HEALTH, EVENT, TRUTH)
+    t.name: t
+    for t in (POSE, SET, SOFT_OBSERVATION, PLAN, POSTERIOR, PICTURE, START, CLOCK, HEALTH, EVENT, TRUTH)
 }
 
 

@@ -99,7 +99,15 @@ def examples(seed: int = 0, d: int = 2, m_: int = 3, c: int = 2, f: int = 1) -> 
             points=rng.normal(size=(d, 7)).astype(np.float32),
             weights=rng.random(7).astype(np.float32),
         ),
-        "start": m.StartMessage(**HEAD, epoch=1.7e9, speed=2.0, seed=7, mission_hash="ab" * 32),
+        "start": m.StartMessage(
+            **HEAD,
+            epoch=1.7e9,
+            speed=2.0,
+            seed=7,
+            mission_hash="ab" * 32,
+            answers={"r1/b": np.array([3.5, 4.25])},
+        ),
+        "clock": m.ClockMessage(**HEAD, shown=3.5),
         "health": m.HealthMessage(
             **HEAD,
             role="robot",

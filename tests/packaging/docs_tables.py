@@ -31,6 +31,7 @@ MISSION_TABLES: dict[str, type[msgspec.Struct]] = {
     "## [fusion]": mission.FusionTable,
     "## [link]": mission.LinkTable,
     "## [settings]": mission.TeamTable,
+    "## [clock]": mission.ClockTable,
     "## [restart]": mission.RestartTable,
     "## [[robots]]": mission.RobotTable,
     "## [[statements]]": mission.StatementTable,
