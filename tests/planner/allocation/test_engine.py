@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from planner.allocation.engine import allocate, connected, named
+from planner.allocation.rounds import HEARING, ROBOT, ROUND, run
 from planner.allocation.score import TeamScores
 from planner.allocation.slots import incomplete, slots, task_of, without_task
 from tests.planner.allocation.teams import graph, greedy, in_rounds, names, optimum, scores, worth
@@ -191,3 +192,59 @@ def test_paths_have_names_for_people():
         "a": ("t", "s"),
         "b": (),
     }
+
+
+@pytest.mark.parametrize("kind", ["complete", "ring", "line"])
+@pytest.mark.parametrize("seed", range(3))
+def test_parts_make_no_difference(kind, seed, monkeypatch):
+    monkeypatch.setattr("planner.allocation.engine.PART", 1)  # the clock is looked at after every robot
+    given, heard = scores(seed, 9, 20), graph(kind, 9, seed)
+    asked = []
+    parts = allocate(given, 4, neighbours=heard, over=lambda: bool(asked.append(1)))
+    whole = allocate(given, 4, neighbours=heard)
+    assert len(asked) > 2 * 9
+    assert parts.rounds == whole.rounds
+    assert [path.tolist() for path in parts.paths] == [path.tolist() for path in whole.paths]
+    np.testing.assert_array_equal(parts.winning_bids, whole.winning_bids)
+
+
+@pytest.mark.parametrize("parts", range(0, 40, 3))
+def test_an_allocation_that_is_interrupted_says_what_each_robot_believes_by_then(parts, monkeypatch):
+    monkeypatch.setattr("planner.allocation.engine.PART", 1)
+    left = [parts]
+
+    def over():
+        left[0] -= 1
+        return left[0] < 0
+
+    given = scores(1, 9, 20)
+    made = allocate(given, 4, neighbours=graph("ring", 9), over=over)
+    assert not made.converged
+    for i, (path, bundle) in enumerate(zip(made.paths, made.bundles, strict=True)):
+        assert sorted(path) == sorted(bundle)
+        assert len(set(path.tolist())) == len(path) <= 4
+        for level in range(len(path)):  # each was worth its bid when it was bid for
+            gains, _ = given.gains(i, path[[task in bundle[:level] for task in path]])
+            assert gains[bundle[level]] > 0
+    assert (parts == 0) == all(len(path) == 0 for path in made.paths)
+
+
+def test_hundreds_of_robots_are_interrupted_between_robots(monkeypatch):
+    n, t = 300, 400
+    work = []
+
+    def counted(prices, auction, max_rounds, most):
+        before = auction.marks.copy()
+        said = run(prices, auction, max_rounds, most)
+        work.append((before, auction.marks.copy()))
+        return said
+
+    monkeypatch.setattr("planner.allocation.engine.run", counted)
+    allocate(scores(0, n, t), 5, over=lambda: len(work) >= 50)
+    # A robot that hears 299 others speak of 400 tasks looks at 120,000 words: not many robots fit in a part.
+    assert len(work) == 50
+    assert all(
+        after[ROBOT] - before[ROBOT] <= n // 4
+        for before, after in work
+        if before[HEARING] and after[HEARING] and before[ROUND] == after[ROUND]
+    )
