@@ -174,7 +174,9 @@ def test_robot_whose_token_goes_is_shown_as_gone_and_comes_back(tmp_path: Path) 
 def test_second_close_does_nothing(tmp_path: Path) -> None:
     view = record(tmp_path / "view.rrd", 2, duration=1.0)
 
+    size = (tmp_path / "view.rrd").stat().st_size
     view.close()
+    assert (tmp_path / "view.rrd").stat().st_size == size > 0
 
 
 def test_recording_that_cannot_be_written_is_one_clear_sentence(tmp_path: Path) -> None:
@@ -219,7 +221,7 @@ def test_no_other_room_imports_rerun() -> None:
         "import sys, importlib, pkgutil\n"
         "for room in ('estimator', 'planner', 'agents', 'sim'):\n"
         "    package = importlib.import_module(room)\n"
-        "    for module in pkgutil.iter_modules(package.__path__, room + '.'):\n"
+        "    for module in pkgutil.walk_packages(package.__path__, room + '.'):\n"
         "        if not module.name.endswith('__main__'):\n"
         "            importlib.import_module(module.name)\n"
         "import bridges.watch\n"

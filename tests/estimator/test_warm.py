@@ -1,11 +1,8 @@
 """The kernel cache."""
 
-import importlib
-import pkgutil
 import subprocess
 import sys
 
-import estimator
 from estimator.warm import warmups
 
 
@@ -52,8 +49,3 @@ for name, kernel in kernels.items():
 def test_after_the_warm_up_a_search_needs_no_other_kernel() -> None:
     run = subprocess.run([sys.executable, "-c", RUN], check=True, timeout=110, capture_output=True, text=True)
     assert run.stdout == ""
-
-
-def test_every_module_of_the_room_can_be_imported_alone() -> None:
-    for module in pkgutil.iter_modules(estimator.__path__):
-        importlib.import_module(f"estimator.{module.name}")

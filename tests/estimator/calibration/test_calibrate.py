@@ -90,7 +90,9 @@ def test_the_table_is_one_that_a_mission_takes() -> None:
     true = RangeBearing.of(RangeBearing.Config(**TRUE), AREA)
     for breaks in ((), (0.0, 4.0, 12.0), (2.0, 3.0)):
         found = calibrate(recorded(true, 9, 300), Options(breaks=breaks, draws=2))
-        RangeBearing.of(RangeBearing.Config(**sensor_table(found, period=1.0, body_frame=True)), AREA)
+        made = RangeBearing.of(RangeBearing.Config(**sensor_table(found, period=1.0, body_frame=True)), AREA)
+        assert made.sigmas[0] == pytest.approx(found.sigmas["range"], rel=1e-3)
+        assert made.clutter == pytest.approx(found.clutter, rel=1e-3)
 
 
 def test_a_bearing_only_sensor_and_its_clutter_peaks_are_recovered() -> None:
