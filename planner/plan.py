@@ -157,6 +157,7 @@ class Plan:
     reason: str
     objective: float = 0.0
     terms: Mapping[str, float] = field(default_factory=dict)
+    task: str = ""  # that it is a plan for, where robots share tasks
 
 
 class Planner(Protocol):

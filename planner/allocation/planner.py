@@ -3,27 +3,28 @@
 Sources: Choi, Brunet, How (2009) and Ponda et al. (2012) for the allocation; the way within a task is chosen
 as by (MA)ASI (17), (27) among places in the task, given what the others have committed to.
 
-Each robot works out the whole team's allocation by itself from what it knows of the others (see `team`). It
-remembers its tasks, and who was at which, from one plan to the next, so that names last and robots stay at
-their tasks.
+Who does what is settled between the robots before any of them plans, and is given with the problem (see
+`desk`). A robot that is given nothing is alone: it takes what is worth most to it.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import replace
 from typing import ClassVar
 
 import msgspec
 import numpy as np
 
 from estimator.arrays import Count, FloatArray, NonNegative, Positive
+from planner.allocation.cbba import AllocationState, build_bundle
+from planner.allocation.desk import Assignment, BidRules, Desk
 from planner.allocation.partition import equal_shares
-from planner.allocation.tasks import Request, Task, TaskBoard, TaskRules
-from planner.allocation.team import Member, Worth, assign, cruise, sweep_width
+from planner.allocation.slots import task_of
+from planner.allocation.tasks import Request, Task, TaskRules
+from planner.allocation.valuation import Worth, slot_names
 from planner.budget import affordable, limited, returning
-from planner.commitments import usable
 from planner.deadline import Deadline
 from planner.maasi.maasi import MaasiConfig, chosen, crowded, scored, unplannable
 from planner.maasi.outlook import outlook
-from planner.plan import Intensity, Plan, PlannerSetup, PlanProblem
+from planner.plan import Plan, PlannerSetup, PlanProblem
 from planner.separation import keeps_apart
 from planner.vehicles.route import routed
 
@@ -35,7 +36,7 @@ class CbbaConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """How a team shares its tasks."""
 
     bundle: Count = 5  # tasks that a robot takes on, at most
-    regions_per_robot: Count = 2  # to explore, at most
+    regions_per_robot: Count = 2  # to explore, when nothing is explored
     spacing_m: NonNegative = 10.0  # clusters nearer to each other than this are one task
     refine: NonNegative = 1.0  # worth of what is learnt of one target
     enough_m: Positive = 0.25  # standard deviation per axis at which a target is known well enough
@@ -47,15 +48,9 @@ class CbbaConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     alpha: NonNegative = 0.5  # on the way: weight of target refinement
     beta: NonNegative = 0.5  # on the way: weight of exploration
     control_cost: NonNegative = 1.0  # on the way: weight of the control effort
-
-
-@dataclass(slots=True)
-class _Memory:
-    """Of one robot's last plan."""
-
-    board: TaskBoard = field(default_factory=TaskBoard)
-    at: dict[str, str] = field(default_factory=dict)  # the first task of each robot
-    time: float = -np.inf  # team time
+    round_s: Positive = 0.05  # between two bids of a robot, at least
+    heartbeat_s: Positive = 0.5  # between two bids of a robot, at most: it bids on when all is agreed
+    silence_s: Positive = 5.0  # a robot that nobody has heard for so long is taken for gone
 
 
 class Cbba:
@@ -78,35 +73,33 @@ class Cbba:
             loyalty=config.loyalty,
         )
         self._way = MaasiConfig(alpha=config.alpha, beta=config.beta, control_cost=config.control_cost)
-        self._memories: dict[str, _Memory] = {}
-        self._abilities: dict[str, tuple[float, float]] = {}
+        self._desks: dict[str, Desk] = {}
 
     def __repr__(self) -> str:
         return f"Cbba({self.config!r})"
+
+    def desk(self, robot: str) -> Desk:
+        """One robot's part in sharing tasks."""
+        if robot not in self._desks:
+            config = self.config
+            rules = BidRules(config.bundle, config.round_s, config.heartbeat_s, config.silence_s)
+            self._desks[robot] = Desk(robot, self.setup, self._rules, self._worth, rules)
+        return self._desks[robot]
 
     def plan(self, problem: PlanProblem) -> Plan:
         """The way into the first task of this robot's path; a hold with the reason where there is none."""
         awkward = unplannable(problem, self.setup)
         if awkward:
             return Plan(None, awkward)
-        if np.isnan([problem.budget.distance, problem.budget.time]).any():
-            return Plan(None, "holds: its budget is not a number")
         deadline = Deadline(problem.deadline_s)
-        memory = self._memory(problem)
-        intensity = problem.intensity or _bare(problem.clusters)
-        requests = tuple(r for r in problem.context.get("requests", ()) if isinstance(r, Request))
-        memory.board = memory.board.renewed(self._rules, problem.exploration, intensity, requests)
-        tasks = memory.board.tasks
+        assignment = problem.context.get("assignment")
+        if not isinstance(assignment, Assignment):
+            assignment = self._alone(problem)
+        tasks = assignment.tasks
         if not tasks:
             return Plan(None, "holds: there are no tasks, all is explored and no target is waiting")
-        members = self._members(problem)
-        if deadline.over():
-            return Plan(None, LATE)
-        feasible = tuple(task for task in tasks if task.robots <= len(members))
-        paths = assign(members, feasible, self.config.bundle, self._worth, memory.at, problem.area)
-        memory.at = {robot: path[0] for robot, path in paths.items() if path}
         by_name = {task.name: task for task in tasks}
-        own = [by_name[name] for name in paths[problem.robot]]
+        own = [by_name[name] for name in assignment.path if name in by_name]
         spare = "" if own else "all tasks are others', it helps with "
         reason = "holds: no place in a task can be reached within the budget"
         for task in own or self._nearest(problem, tasks):
@@ -114,58 +107,20 @@ class Cbba:
                 return Plan(None, LATE)
             plan = self._towards(problem, task, deadline)
             if plan.trajectory is not None:
-                return Plan(plan.trajectory, f"{spare}{task.name}: {plan.reason}", plan.objective, plan.terms)
+                return replace(plan, reason=f"{spare}{task.name}: {plan.reason}", task=task.name)
             reason = plan.reason
         if limited(problem):
             return returning(problem, self.setup, reason.removeprefix("holds: "))
         return Plan(None, reason)
 
-    def _memory(self, problem: PlanProblem) -> _Memory:
-        """What this robot remembers; nothing of a time that has not come yet, nor of a rehearsal."""
-        known = self._memories.get(problem.robot)
-        if known is None or known.time > problem.start_time or problem.context.get("rehearsal"):
-            known = _Memory()
-        known.time = problem.start_time
-        if not problem.context.get("rehearsal"):
-            self._memories[problem.robot] = known
-        return known
-
-    def _members(self, problem: PlanProblem) -> list[Member]:
-        """This robot now, the others at the end of their committed ways, in the order of their names."""
-        d = problem.area.dimension
-        pose = self.setup.vehicles[problem.robot].pose(problem.state)
-        free = {problem.robot: (pose, 0.0, problem.measure_period, problem.budget.time)}
-        for other in problem.others:
-            known = other.robot in self.setup.vehicles and other.robot in self.setup.sensors
-            if not known or not usable(other) or other.robot in free or not other.times.size:
-                continue
-            wait = max(0.0, float(other.times[-1]) - problem.start_time)
-            free[other.robot] = (other.poses[-1], wait, other.measure_period, np.inf)
-        made = []
-        for robot, (end, wait, period, seconds) in sorted(free.items()):
-            speed, width = self._ability(problem, robot, float(end[2]))
-            made.append(
-                Member(
-                    robot,
-                    np.asarray(end[:d]),
-                    wait,
-                    speed,
-                    width,
-                    self.setup.sensors[robot],
-                    period if 0 < period < np.inf else 1.0,
-                    float(end[2]),
-                    seconds,
-                )
-            )
-        return made
-
-    def _ability(self, problem: PlanProblem, robot: str, altitude: float) -> tuple[float, float]:
-        if robot not in self._abilities:
-            self._abilities[robot] = (
-                cruise(self.setup.vehicles[robot], problem.area),
-                sweep_width(self.setup.sensors[robot], problem.area, altitude),
-            )
-        return self._abilities[robot]
+    def _alone(self, problem: PlanProblem) -> Assignment:
+        """What is worth most to this robot, were there no others."""
+        requests = tuple(r for r in problem.context.get("requests", ()) if isinstance(r, Request))
+        desk, robot = self.desk(problem.robot), problem.robot
+        tasks = tuple(task for task in desk.tasks(problem, requests) if task.robots == 1)
+        state = AllocationState.start(robot, [robot], self.config.bundle)
+        state = build_bundle(state, slot_names(tasks), desk.score(problem, tasks))
+        return Assignment(tasks, tuple(task_of(slot) for slot in state.path))
 
     def _nearest(self, problem: PlanProblem, tasks: tuple[Task, ...]) -> list[Task]:
         here = self.setup.vehicles[problem.robot].pose(problem.state)[: problem.area.dimension]
@@ -175,7 +130,8 @@ class Cbba:
         """The best way into one task."""
         vehicle = self.setup.vehicles[problem.robot]
         here = vehicle.pose(problem.state)[:3]
-        waypoints = self._waypoints(problem, task, float(here[2]))
+        speed, width = self.desk(problem.robot).ability(problem, float(here[2]))
+        waypoints = self._waypoints(problem, task, float(here[2]), width)
         ground, d = self.setup.ground, problem.area.dimension
         if ground is not None and len(waypoints):
             waypoints = waypoints[ground.clear(waypoints[:, :d].T)]
@@ -196,7 +152,7 @@ class Cbba:
             objective = scored(view, view.exploration, self._way)
             seconds = view.steps * vehicle.control_period
             allowed = np.isfinite(objective) & (
-                seconds <= self._time_left(problem, view.predictions.waypoints)
+                seconds <= problem.budget.time - _homeward(problem, view.predictions.waypoints) / speed
             )
             if allowed.any() and not (allowed & view.clear).any():
                 reason = crowded(problem.separation)
@@ -229,13 +185,8 @@ class Cbba:
                 return Plan(way, f"around obstacles, {length:.0f} m")
         return Plan(None, "holds: there is no way to its tasks")
 
-    def _time_left(self, problem: PlanProblem, waypoints: FloatArray) -> FloatArray:
-        """Seconds (w,) that the way to each waypoint may take."""
-        speed = self._abilities[problem.robot][0]
-        return problem.budget.time - _homeward(problem, waypoints) / speed
-
-    def _waypoints(self, problem: PlanProblem, task: Task, altitude: float) -> FloatArray:
-        """Places (w, 3) in a task to choose from, the middle among them."""
+    def _waypoints(self, problem: PlanProblem, task: Task, altitude: float, width: float) -> FloatArray:
+        """Places (w, 3) in a task to choose from, the middle among them; the sensor sweeps `width` m."""
         points = [task.place[:, None]]
         if task.kind == "explore":
             labels, _ = equal_shares(task.points, task.weights, self.config.places)
@@ -244,7 +195,7 @@ class Cbba:
                 points.append(np.average(task.points[:, rows], axis=1, weights=task.weights[rows])[:, None])
         elif task.kind == "refine":
             points.append(task.points[:, : self.config.places])
-            around = 0.5 * (task.radius + self._abilities[problem.robot][1])
+            around = 0.5 * (task.radius + width)
             angles = 2 * np.pi * np.arange(8) / 8
             ring = np.repeat(task.place[:, None], 8, axis=1)
             ring[0] += around * np.cos(angles)
@@ -256,13 +207,6 @@ class Cbba:
         waypoints = np.full((made.shape[1], 3), altitude)
         waypoints[:, : len(made)] = made.T
         return waypoints
-
-
-def _bare(clusters: FloatArray) -> Intensity:
-    """Clusters of which only the middles are known: one target each, to be found within metres."""
-    d, c = clusters.shape
-    ones = np.ones(c)
-    return Intensity(clusters, ones, clusters, np.tile(9.0 * np.eye(d), (c, 1, 1)), ones)
 
 
 def _homeward(problem: PlanProblem, waypoints: FloatArray) -> FloatArray:

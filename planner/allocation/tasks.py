@@ -1,12 +1,15 @@
-"""What there is to do, made from the posterior: clusters to refine, regions to explore, operators' requests.
+"""What there is to do, made from a robot's belief: clusters to refine, regions to explore, requests to meet.
 
-Tasks keep their names while the posterior changes: each new one takes the name of the old one of its kind
-that it is (by overlap of the unexplored mass for regions, by distance for clusters), so that an allocation
-made before still means the same. `TaskBoard` is the frozen state that this needs: the tasks of the last time.
+Robots that share their tasks must mean the same by a task's name although they believe different things: each
+has heard other sets, and at another time. So names come from places and not from the order of events. Regions
+are named by the fixed cuts of the area (see `regions`), requests by the operator. A cluster is named by the
+cell of a grid in which it first turned up, and keeps that name while it moves (see `identity`). Where two
+robots have named one cluster differently, both take the name that is first in order as soon as they hear of
+each other's. A robot that knows nothing of the past names nearly all things as the others do.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -14,17 +17,18 @@ import numpy as np
 from estimator.arrays import FloatArray
 from estimator.exploration import Exploration
 from planner.allocation.identity import matched
-from planner.allocation.partition import Axes, equal_shares
+from planner.allocation.regions import Regions
 from planner.plan import Intensity
 
 Kind = Literal["refine", "explore", "request"]
+MOST = 256  # tasks of one robot; the least of them are left out
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Task:
     """One thing to do at one place."""
 
-    name: str  # "refine-3", "explore-0", or the operator's
+    name: str  # "refine-3.7", "explore-12", "request-door"
     kind: Kind
     place: FloatArray  # (d,) metres: the middle
     radius: float  # metres: the standard deviation of its points about the middle, over all axes
@@ -33,86 +37,83 @@ class Task:
     weights: FloatArray  # (n,) masses of these
     covariances: FloatArray  # (n, d, d) m^2 of clusters; (0, d, d) of others
     robots: int = 1  # that it needs at once
+    needs: tuple[str, ...] = ()  # what a robot must be able to do, beside tasks of this kind
 
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """An operator's wish that somebody look at a place."""
+    """An operator's wish that robots look at a place."""
 
-    name: str
+    name: str  # another than any cluster's or region's: begins with "request-"
     place: FloatArray  # (d,)
     worth: float = 1.0  # in expected targets
     robots: int = 1
+    needs: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class TaskRules:
     """How tasks are made."""
 
-    regions: int = 4  # to explore, at most
+    regions: int = 4  # to explore when nothing is explored, to within a factor of 1.4
     unexplored: float = 0.02  # share of the area below which nothing is left to explore
     least_exploration: float = 0.05  # of a grid point below which it counts as explored
     spacing: float = 10.0  # clusters nearer than this are one task, m
-    moved: float = 30.0  # a cluster task that has moved further than this is another, m
+
+    @property
+    def cell(self) -> float:
+        """Metres; two clusters that are nearer than half of it to each other are the same one."""
+        return max(self.spacing, 1.0)
 
 
-@dataclass(frozen=True, slots=True)
-class TaskBoard:
-    """The tasks of the moment, and what keeps their names."""
+def make_tasks(
+    rules: TaskRules,
+    regions: Regions,
+    exploration: Exploration,
+    intensity: Intensity,
+    requests: Iterable[Request] = (),
+    known: Mapping[str, FloatArray] | None = None,
+) -> tuple[Task, ...]:
+    """All tasks that there are, with names that other robots give them too.
 
-    tasks: tuple[Task, ...] = ()
-    axes: Axes = field(default_factory=dict)
-    region_count: int = 0
-    names_given: Mapping[str, int] = field(default_factory=dict)  # by kind
+    Left out are clusters and requests with a number that is not finite, requests of a name that another has
+    or that could be a slot's, and those that need less than one robot.
 
-    def renewed(
-        self,
-        rules: TaskRules,
-        exploration: Exploration,
-        intensity: Intensity,
-        requests: tuple[Request, ...] = (),
-    ) -> "TaskBoard":
-        """The tasks of a new posterior.
-
-        Left out are clusters and requests with a number that is not finite, requests of a name that another
-        has or that could be a slot's, and those that need less than one robot.
-        """
-        old_regions = [task for task in self.tasks if task.kind == "explore"]
-        old_clusters = [task for task in self.tasks if task.kind == "refine"]
-        regions, axes, count = _regions(rules, exploration, self.axes, self.region_count)
-        clusters = _clusters(rules, intensity)
-        given = dict(self.names_given)
-        named = _named(clusters, old_clusters, _distances(clusters, old_clusters), rules.moved, given)
-        named += _named(regions, old_regions, _strangeness(regions, old_regions), 1.0 - 1e-9, given)
-        named += _requested(requests, exploration.low.size)
-        return replace(self, tasks=tuple(named), axes=axes, region_count=count, names_given=given)
-
-
-def churn(before: TaskBoard, after: TaskBoard) -> float:
-    """The share of the tasks before that have lost their name, 0 to 1."""
-    names = {task.name for task in after.tasks}
-    return sum(task.name not in names for task in before.tasks) / max(len(before.tasks), 1)
+    Args:
+        rules: of their making.
+        regions: of the exploration's grid.
+        exploration: what is left to explore.
+        intensity: whose clusters are to be refined.
+        requests: of operators.
+        known: names of clusters, this robot's own of the last time and others', and where they are (d,).
+    """
+    clusters = _clusters(rules, intensity)
+    named = [
+        replace(task, name=name)
+        for task, name in zip(clusters, _names(rules, clusters, known or {}), strict=True)
+    ]
+    named += _regions(rules, regions, exploration)
+    named += _requested(requests, exploration.low.size)
+    if len(named) > MOST:
+        kept = sorted(named, key=lambda task: (task.kind != "request", -task.mass, task.name))[:MOST]
+        named = [task for task in named if task in kept]
+    return tuple(named)
 
 
-def _regions(
-    rules: TaskRules, exploration: Exploration, axes: Axes, last: int
-) -> tuple[list[Task], Axes, int]:
-    """Equal shares of the unexplored mass. Their number shrinks with it, but only by a half at a time."""
+def _regions(rules: TaskRules, regions: Regions, exploration: Exploration) -> list[Task]:
+    """What is left to explore, in shares whose number shrinks with it, but more slowly."""
     points = exploration.nodes()
     weights = exploration.values.ravel()
     weights = np.where(np.isfinite(weights) & (weights >= rules.least_exploration), weights, 0.0)
     weights = weights / max(weights.size, 1)
-    total = float(weights.sum())
+    total = float(weights[regions.order].sum())
     if total < rules.unexplored:
-        return [], {}, 0
-    fitting = max(1, min(rules.regions, round(rules.regions * np.sqrt(total))))
-    count = last if fitting <= last <= 2 * fitting else fitting
-    labels, axes = equal_shares(points, weights, count, axes)
-    made = []
-    for label in range(int(labels.max()) + 1):
-        rows = labels == label
-        made.append(_task("explore", points[:, rows], weights[rows]))
-    return made, axes, count
+        return []
+    count = max(1.0, rules.regions * float(np.sqrt(total)))
+    return [
+        replace(_task("explore", points[:, rows], weights[rows]), name=f"explore-{number}")
+        for number, rows in regions.shares(weights, count)
+    ]
 
 
 def _clusters(rules: TaskRules, intensity: Intensity) -> list[Task]:
@@ -129,14 +130,41 @@ def _clusters(rules: TaskRules, intensity: Intensity) -> list[Task]:
     group = np.full(masses.size, -1)
     for c in range(masses.size):  # heaviest first: each takes what is near it and not taken
         if group[c] < 0:
-            group[(gaps[c] < rules.spacing) & (group < 0)] = c
+            group[(gaps[c] <= rules.spacing) & (group < 0)] = c
     return [
         _task("refine", means[:, group == c], masses[group == c], covariances[group == c])
         for c in np.unique(group)
     ]
 
 
-def _requested(requests: tuple[Request, ...], dimension: int) -> list[Task]:
+def _names(rules: TaskRules, clusters: list[Task], known: Mapping[str, FloatArray]) -> list[str]:
+    """A name for each cluster: one that it is known by already, else that of its cell."""
+    kept: list[tuple[str, FloatArray]] = []
+    for name in sorted(known):
+        place = known[name]
+        if not name.startswith("refine-") or (clusters and place.shape != clusters[0].place.shape):
+            continue
+        if all(np.linalg.norm(place - other) >= 0.5 * rules.cell for _, other in kept):
+            kept.append((name, place))
+    cost = np.array([[float(np.linalg.norm(task.place - place)) for _, place in kept] for task in clusters])
+    rows = matched(cost.reshape(len(clusters), len(kept)), 3.0 * rules.cell)
+    used = {kept[j][0] for j in rows if j >= 0}
+    names = []
+    for task, j in zip(clusters, rows, strict=True):
+        if j >= 0:
+            names.append(kept[j][0])
+            continue
+        cell = "refine-" + ".".join(str(int(x)) for x in np.floor(task.place / rules.cell))
+        name, copy = cell, 1
+        while name in used:  # the cluster that was named so has moved on
+            copy += 1
+            name = f"{cell}_{copy}"
+        used.add(name)
+        names.append(name)
+    return names
+
+
+def _requested(requests: Iterable[Request], dimension: int) -> list[Task]:
     made: list[Task] = []
     for request in requests:
         if "#" in request.name or request.name in {task.name for task in made}:
@@ -149,7 +177,7 @@ def _requested(requests: tuple[Request, ...], dimension: int) -> list[Task]:
         ):
             continue
         task = _task("request", place[:, None], np.array([request.worth]))
-        made.append(replace(task, name=request.name, robots=request.robots))
+        made.append(replace(task, name=request.name, robots=request.robots, needs=request.needs))
     return made
 
 
@@ -160,37 +188,3 @@ def _task(kind: Kind, points: FloatArray, weights: FloatArray, covariances: Floa
     d = len(points)
     none = np.zeros((0, d, d)) if covariances is None else covariances
     return Task("", kind, place, spread, float(weights.sum()), points, weights, none)
-
-
-def _distances(new: list[Task], old: list[Task]) -> FloatArray:
-    """(new, old) metres between the middles."""
-    return np.array([[float(np.linalg.norm(a.place - b.place)) for b in old] for a in new]).reshape(
-        len(new), len(old)
-    )
-
-
-def _strangeness(new: list[Task], old: list[Task]) -> FloatArray:
-    """(new, old) 1 - the share of two regions' grid points that both have."""
-    cost = np.ones((len(new), len(old)))
-    sets = [{tuple(p) for p in task.points.T.tolist()} for task in (*new, *old)]
-    for i, mine in enumerate(sets[: len(new)]):
-        for j, theirs in enumerate(sets[len(new) :]):
-            cost[i, j] = 1.0 - len(mine & theirs) / max(len(mine | theirs), 1)
-    return cost
-
-
-def _named(
-    new: list[Task], old: list[Task], cost: FloatArray, most: float, given: dict[str, int]
-) -> list[Task]:
-    """The new tasks, with the names of the old ones that they are."""
-    named = []
-    for i, j in enumerate(matched(cost, most)):
-        task = new[i]
-        if j >= 0:
-            name = old[j].name
-        else:
-            number = given.get(task.kind, 0)
-            given[task.kind] = number + 1
-            name = f"{task.kind}-{number}"
-        named.append(replace(task, name=name))
-    return named

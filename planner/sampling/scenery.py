@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from estimator.arrays import FloatArray, IntArray
-from planner.allocation.team import cruise, sweep_width
+from planner.allocation.ability import cruise, sweep_width
 from planner.plan import PlannerSetup, PlanProblem
 from planner.sampling.board import MOVES, Board, board, turn_table
 from planner.sampling.grid import Grid

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from estimator.exploration import Exploration
+from planner.allocation.desk import Assignment
 from planner.allocation.planner import Cbba
 from planner.allocation.tasks import Request
 from planner.plan import Budget, Commitment
@@ -33,17 +34,38 @@ def task_of(plan):
 PLACES = {"a": (3.0, 3.0, 5.0), "b": (37.0, 3.0, 5.0), "c": (3.0, 37.0, 5.0), "d": (37.0, 37.0, 5.0)}
 
 
+def assigned(setup, given, *path, requests=()):
+    """The problem with an allocation that was settled before."""
+    made = planner(setup).desk(given.robot).tasks(given, requests)
+    names = {task.name for task in made}
+    assert set(path) <= names, names
+    return dataclasses.replace(given, context={"assignment": Assignment(made, path)})
+
+
 @pytest.mark.parametrize("dimension", [2, 3])
-def test_robots_that_know_the_same_go_to_different_tasks(dimension):
-    setup = team(dimension, "abcd")
-    tasks = []
-    for robot, place in PLACES.items():
-        others = [standing(other, PLACES[other]) for other in PLACES if other != robot]
-        given = fresh(problem(setup, 1, robot, others, clusters=2, start=place))
-        plan = planner(setup).plan(given)
-        assert plan.trajectory is not None
-        tasks.append(task_of(plan))
-    assert len(set(tasks)) == 4
+@pytest.mark.parametrize("order", [(0, 1), (1, 0)])
+def test_a_robot_goes_to_the_first_of_the_tasks_that_it_was_given(dimension, order):
+    setup = team(dimension, "ab")
+    given = fresh(problem(setup, 1, "a", clusters=0, start=PLACES["a"]))
+    requests = [Request("near", given.area.low + 8.0), Request("far", given.area.high - 4.0)]
+    path = [requests[i].name for i in order]
+    plan = planner(setup).plan(assigned(setup, given, *path, requests=requests))
+    assert plan.task == task_of(plan) == path[0]
+    place = requests[order[0]].place
+    assert plan.trajectory.waypoint[:dimension] == pytest.approx(place)
+
+
+def test_a_robot_that_was_given_nothing_takes_what_is_worth_most_to_itself():
+    setup = team(2, "ab")
+    given = problem(setup, 1, "a", [standing("b", PLACES["a"])], clusters=0, start=PLACES["a"])
+    e = given.exploration
+    wishes = (Request("far", np.array([37.0, 37.0]), 2.0), Request("crowd", np.array([5.0, 5.0]), 9.0, 2))
+    given = dataclasses.replace(
+        given,
+        exploration=Exploration(np.zeros(e.values.shape), e.low, e.high),
+        context={"requests": wishes},
+    )
+    assert planner(setup).plan(given).task == "far"  # and not one that needs two
 
 
 def test_a_robot_stays_with_its_task_until_it_is_done():
@@ -120,18 +142,19 @@ def test_an_operators_request_is_a_task_like_any_other():
     assert plan.trajectory.waypoint == pytest.approx([20.0, 39.0, 5.0])
 
 
-def test_a_robot_more_than_there_are_tasks_helps_with_the_nearest():
+def test_a_robot_without_tasks_helps_with_the_nearest_also_where_its_own_are_gone():
     setup = team(2, "ab")
     given = problem(setup, 1, "b", [standing("a", (20.0, 20.0, 5.0))], clusters=0, start=PLACES["d"])
     e = given.exploration
-    given = dataclasses.replace(
-        given,
-        exploration=Exploration(np.zeros(e.values.shape), e.low, e.high),
-        context={"requests": (Request("here", np.array([21.0, 20.0])),)},
-    )
-    plan = planner(setup).plan(given)
+    given = dataclasses.replace(given, exploration=Exploration(np.zeros(e.values.shape), e.low, e.high))
+    requests = (Request("here", np.array([21.0, 20.0])), Request("there", np.array([1.0, 1.0])))
+    plan = planner(setup).plan(assigned(setup, given, requests=requests))
     assert plan.trajectory is not None
     assert plan.reason.startswith("all tasks are others'")
+    assert plan.task == "here"
+    made = assigned(setup, given, requests=requests).context["assignment"]
+    gone = dataclasses.replace(given, context={"assignment": dataclasses.replace(made, path=("no-more",))})
+    assert planner(setup).plan(gone).task == "here"
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -182,7 +205,7 @@ def test_requests_that_no_team_can_meet_and_budgets_that_are_no_numbers_are_held
     assert "budget" in spent.reason
 
 
-def test_a_rehearsal_is_not_remembered_and_time_that_goes_back_begins_anew():
+def test_it_remembers_nothing_from_one_plan_to_the_next():
     setup = team(2, "ab")
     given = fresh(problem(setup, 1, "a", [standing("b", PLACES["d"])], clusters=1, start=PLACES["a"]))
     expected = planner(setup).plan(given).reason
