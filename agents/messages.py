@@ -97,6 +97,7 @@ class PlanMessage(Message, frozen=True, kw_only=True):
     conditioned_on: dict[str, int]  # robot -> plan_version
     objective: float
     reason: Text
+    task: Annotated[str, Meta(max_length=80)] = ""  # that the plan is for, where robots share tasks
 
 
 class Watermark(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -130,6 +131,41 @@ class PictureMessage(Message, frozen=True, kw_only=True):
     exploration: Array  # (g1, ..., gd) uint8, 255 = unexplored
     points: Array  # (d, k) float32
     weights: Array  # (k,) float32
+
+
+Slot = Annotated[str, Meta(min_length=1, max_length=80, pattern=r"^[A-Za-z0-9_.#-]+$")]  # a task, or part
+
+
+class Wish(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """An operator's request as robots pass it on to each other."""
+
+    name: Name
+    place: Annotated[list[float], Meta(min_length=2, max_length=3)]
+    worth: float  # expected targets; 0: the request is withdrawn
+    robots: Annotated[int, Meta(ge=1, le=64)]  # that must look
+    needs: Annotated[list[Name], Meta(max_length=16)]
+    asked: float  # team time; of two requests of one name the newer holds
+    looked: Annotated[list[Name], Meta(max_length=1000)] = []  # robots that have looked there since
+
+
+class RequestMessage(Message, frozen=True, kw_only=True):
+    """From an operator, again and again until a robot passes it on."""
+
+    wish: Wish
+
+
+class BidMessage(Message, frozen=True, kw_only=True):
+    """A robot's word on who does what, as in CBBA (y, z and s), and the tasks that it knows of."""
+
+    said: float  # on the sender's own clock, which never goes back: what s of it is compared with
+    tasks: Annotated[list[Name], Meta(max_length=512)]  # by name, t in all
+    places: Array  # (t, d) where they are
+    path: Annotated[list[Name], Meta(max_length=512)]  # the sender's own tasks in the order of execution
+    winning_bids: dict[Slot, float]  # y, by task or, where one needs several robots, by part: "door#1"
+    winning_agents: dict[Slot, Name]  # z
+    timestamps: dict[Name, float]  # s: when each robot said what is known of it, on its own clock
+    digests: dict[Name, int]  # of y and z, as each robot last believed
+    wishes: Annotated[list[Wish], Meta(max_length=256)] = []
 
 
 class HealthMessage(Message, frozen=True, kw_only=True):

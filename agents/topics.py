@@ -64,6 +64,10 @@ PICTURE = Topic(
     10.0,
     "robot goes on with the last",
 )
+BID = Topic(
+    "bid", m.BidMessage, False, 0, 2.0, 1024, Drop.LATEST_ONLY, 200_000, 5.0, "robot counts as gone"
+)
+REQUEST = Topic("request", m.RequestMessage, True, 16, 0.0, 256, Drop.OLDEST, 4_000, 0.0, "never")
 START = Topic("start", m.StartMessage, True, 1, 1.0, 16, Drop.LATEST_ONLY, 200_000, 0.0, "never")
 CLOCK = Topic("clock", m.ClockMessage, False, 0, 1.0, 1024, Drop.OLDEST, 1_000, 0.0, "never")
 HEALTH = Topic("health", m.HealthMessage, True, 1, 1.0, 256, Drop.LATEST_ONLY, 100_000, 5.0, "shown silent")
@@ -72,7 +76,21 @@ TRUTH = Topic("truth", m.TruthMessage, True, 1, 1.0, 4, Drop.LATEST_ONLY, 2_000_
 
 TOPICS: dict[str, Topic] = {
     t.name: t
-    for t in (POSE, SET, SOFT_OBSERVATION, PLAN, POSTERIOR, PICTURE, START, CLOCK, HEALTH, EVENT, TRUTH)
+    for t in (
+        POSE,
+        SET,
+        SOFT_OBSERVATION,
+        PLAN,
+        BID,
+        REQUEST,
+        POSTERIOR,
+        PICTURE,
+        START,
+        CLOCK,
+        HEALTH,
+        EVENT,
+        TRUTH,
+    )
 }
 
 

@@ -68,6 +68,7 @@ class Bid:
     winning_agents: Mapping[str, str]
     timestamps: Mapping[str, float]
     digests: Mapping[str, int]
+    tasks: frozenset[str] | None = None  # that the sender knows of, won or not; None: all that there are
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.time):
@@ -136,7 +137,8 @@ def hear(state: AllocationState, bid: Bid) -> tuple[AllocationState, bool]:
     """Take in a neighbour's word: phase 2. Also says whether a winner or a winning bid changed.
 
     What is not newer than everything known of its sender is dropped, and so is the word of a robot that is
-    not of the team. Tasks lost to others stay in the bundle until `build_bundle`.
+    not of the team. Tasks lost to others stay in the bundle until `build_bundle`. A sender that does not know
+    of a task says nothing of it but that it does not hold it itself.
     """
     k = bid.robot
     if k not in state.team or k == state.robot:
@@ -149,6 +151,8 @@ def hear(state: AllocationState, bid: Bid) -> tuple[AllocationState, bool]:
     changed = False
     for task in sorted(agents.keys() | bid.winning_agents.keys()):
         z_i, z_k = agents.get(task), bid.winning_agents.get(task)
+        if bid.tasks is not None and z_k is None and z_i != k and task not in bid.tasks:
+            continue
         if z_k is not None and z_k not in rank:
             z_k = None  # a robot that nobody knows wins nothing
         y_i, y_k = bids.get(task, 0.0), 0.0 if z_k is None else bid.winning_bids[task]
@@ -215,6 +219,34 @@ def lose(state: AllocationState, robot: str) -> AllocationState:
         return state
     freed = {task for task, winner in state.winning_agents.items() if winner == robot}
     return _without(replace(state, lost=state.lost | {robot}), freed)
+
+
+def found(state: AllocationState, robot: str) -> AllocationState:
+    """A robot that was taken for gone is there after all: what others say of its bids counts again."""
+    return replace(state, lost=state.lost - {robot})
+
+
+def recalled(state: AllocationState, tasks: Iterable[str], bids: Iterable[Bid]) -> AllocationState:
+    """With the winners of tasks that the robot has just come to know, as these said themselves.
+
+    Args:
+        state: of the robot.
+        tasks: that it knows of now; those that have a winner keep it.
+        bids: what each other robot said last.
+    """
+    winning_bids, agents = dict(state.winning_bids), dict(state.winning_agents)
+    rank = {robot: number for number, robot in enumerate(state.team) if robot not in state.lost}
+    for task in tasks:
+        if task in state.winning_agents:
+            continue
+        for bid in bids:
+            if bid.winning_agents.get(task) != bid.robot or bid.robot not in rank:
+                continue
+            holder = rank[agents[task]] if task in agents else NOBODY
+            y = bid.winning_bids[task]
+            if beats(y, rank[bid.robot], winning_bids.get(task, 0.0), holder):
+                winning_bids[task], agents[task] = y, bid.robot
+    return replace(state, winning_bids=winning_bids, winning_agents=agents)
 
 
 def release(state: AllocationState) -> AllocationState:
