@@ -50,6 +50,9 @@ class Inbox:
     def __repr__(self) -> str:
         return f"Inbox({self.topic.name}, waiting={len(self._queue)}, dropped={self.dropped})"
 
+    def __len__(self) -> int:
+        return len(self._queue)
+
     def put(self, item: Received) -> None:
         """Add an item; when full, the oldest goes and is counted."""
         self.received += 1

@@ -1,13 +1,15 @@
 """The virtual-time engine: the real Robot and Fusion objects of a team on a simulated network.
 
 One heap of things to do, in time order; time jumps from one to the next. With one mission and seed every
-message is the same, bit for bit: `Engine.log_hash` says so.
+message is the same, bit for bit: `Engine.log_hash` says so. Processes can be killed, stopped and started
+again while it runs (sim.faults).
 """
 
 import hashlib
 import heapq
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Mapping
+from functools import partial
 from itertools import count
 
 from agents import codec
@@ -20,11 +22,15 @@ from agents.scoreboard import Scoreboard
 from agents.seeds import generator
 from agents.team import Team
 from agents.topics import EVENT, HEALTH, TOPICS, Topic
-from sim.network import NetworkConditions, SimulatedNetwork
-from sim.nodes import FusionNode, Node, OperatorNode, RobotNode
+from planner.plan import Plan
+from sim.network import Near, NetworkConditions, SimulatedNetwork
+from sim.nodes import Killed, Life, Node
 from sim.planning import PlanService
+from sim.robot_node import RobotNode, neighbours
+from sim.service_nodes import FusionNode, OperatorNode, ViewerNode
 
 UNDERWAY = 256  # messages whose bytes are remembered
+FUSION = "fusion"  # the name of a team's only one
 GRACE_S = 1.0  # the run goes on this long after the last target was found
 
 
@@ -38,7 +44,12 @@ class Engine:
         conditions: NetworkConditions | None = None,
         ledger: Ledger | None = None,
         record: Callable[[Topic, Message], None] | None = None,
+        *,
+        ledgers: Mapping[str, Ledger] | None = None,
+        viewer: bool = False,
+        absent: Collection[str] = (),
     ) -> None:
+        """`ledgers` are those of several fusions, by name; the `absent` processes are not started."""
         self.team = team
         self.seed = seed
         self.clock = VirtualClock()
@@ -46,22 +57,34 @@ class Engine:
         self.world = team.world(seed)
         self.scoreboard = Scoreboard(team.mission, seed, "virtual", self.world)
         self._record = record
-        self._ledger = ledger
+        self.ledgers = dict(ledgers) if ledgers is not None else {} if ledger is None else {FUSION: ledger}
+        self.full: set[str] = set()  # fusions whose disk takes nothing more
+        self.at_point: Callable[[Node, str], None] | None = None  # told of named points, and may kill there
         self._digest = hashlib.sha256()
         self._heap: list[tuple[float, int, Callable[[], None]]] = []
         self._order = count()
         self._stop_at = team.mission.duration_s
         self._underway: OrderedDict[bytes, Message] = OrderedDict()
         self._network = SimulatedNetwork(
-            conditions or NetworkConditions(), generator(seed, "network"), self.after
+            conditions or NetworkConditions(),
+            generator(seed, "network"),
+            self.after,
+            self.clock.now,
+            self._near,
         )
         self.planning = PlanService(team.planner, self.after)
         self.capture_to_posterior_ms = Histogram()
-        self.fusion = FusionNode(self)
+        fusions = [FusionNode(self, name) for name in (ledgers or [FUSION])]
+        self.fusion = fusions[0]
         self.robots = [RobotNode(self, robot.id) for robot in team.mission.robots]
-        self._nodes: list[Node] = [self.fusion, *self.robots]
+        nodes: list[Node] = [*fusions, *self.robots]
         if team.mission.statements:
-            self._nodes.append(OperatorNode(self))
+            nodes.append(OperatorNode(self))
+        if viewer:
+            nodes.append(ViewerNode(self))
+        self.nodes = {node.name: node for node in nodes}
+        self._absent = frozenset(absent)
+        self._near_at, self._neighbours = -1, neighbours([], 0.0)
 
     def __repr__(self) -> str:
         return f"Engine({self.team.mission.name}, seed={self.seed}, now={self.clock.now():.3f})"
@@ -88,7 +111,10 @@ class Engine:
 
     def run(self) -> Scoreboard:
         """To the end of the mission's duration, or until all targets are found."""
-        for node in self._nodes:
+        present = [node for node in self.nodes.values() if node.name not in self._absent]
+        for node in present:
+            node.start()
+        for node in present:
             node.wake()
         while self._heap:
             time, _, action = heapq.heappop(self._heap)
@@ -96,19 +122,52 @@ class Engine:
                 break
             self.clock.advance_to(time)
             action()
-        for node in self._nodes:
-            self.publish(node, HEALTH, node.health())
+        for node in self.nodes.values():
+            if node.life is Life.RUNNING:
+                self.publish(node, HEALTH, node.health())
         return self.scoreboard
 
     def perform(self, node: Node, action: Action) -> None:
-        """Carry out what a node's agent wants of the world."""
+        """Carry out what a node's agent wants of the world.
+
+        Raises:
+            Killed: if the process died of it, or a fault struck it here.
+        """
         if isinstance(action, Publish):
+            self._point(node, f"before {action.topic.name}")
             self.publish(node, action.topic, action.message)
+            self._point(node, f"after {action.topic.name}")
         elif isinstance(action, RequestPlan):
-            assert isinstance(node, RobotNode)
-            self.planning.request(action.problem, lambda plan: node.tell(Planned(action.number, plan)))
-        elif isinstance(action, Store) and self._ledger is not None:
-            self._ledger.store(action.entries)
+            self.planning.request(action.problem, partial(self._planned, node, node.boot, action.number))
+        elif isinstance(action, Store) and node.name in self.ledgers:
+            self._point(node, "before store")
+            if node.name in self.full:
+                # What the ledger raises ends the process; robots still have what it did not acknowledge.
+                self.events.append(f"{self.clock.now():8.2f} {node.name}: the disk is full")
+                node.kill()
+                raise Killed
+            self.ledgers[node.name].store(action.entries)
+            self._point(node, "after store")
+
+    def _point(self, node: Node, name: str) -> None:
+        if self.at_point is not None:
+            self.at_point(node, name)
+            if node.life is not Life.RUNNING:
+                raise Killed
+
+    def _planned(self, node: Node, boot: str, number: int, plan: Plan) -> None:
+        if node.boot == boot and node.life is not Life.OFF:
+            node.tell(Planned(number, plan))
+
+    def _near(self) -> Near:
+        """Whom each robot's radio reaches, as of the last second."""
+        second = int(self.clock.now())
+        if self._near_at != second:
+            self._near_at, self._neighbours = (
+                second,
+                neighbours(self.robots, self._network.conditions.reach_m),
+            )
+        return self._neighbours
 
     def publish(self, node: Node, topic: Topic, message: Message) -> None:
         """Send, keep score and log."""

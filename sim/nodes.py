@@ -1,46 +1,101 @@
-"""Simulated processes: an agent, its end of the network, its mailbox, and when it must be woken."""
+"""Simulated processes: an agent, its end of the network, its mailbox, its clock, and when it must be woken.
+
+A process may be killed at any moment, or between any two actions, and started again; what it then knows is
+what was durable. It may be stopped and go on, or be slow.
+"""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from enum import Enum
 from typing import TYPE_CHECKING
 
-from agents.body import RobotBody
-from agents.fusion import Fusion, FusionSetup
-from agents.health import health_message
-from agents.histogram import Histogram
-from agents.machine import Action, Event, Publish
+from agents.clock import Clock
+from agents.machine import Event
 from agents.mailbox import Mailbox
-from agents.messages import HealthMessage, PosteriorMessage
-from agents.operator_agent import Operator
-from agents.plan_request import RobotSetup
-from agents.robot import Robot
-from agents.statements import said
-from agents.topics import EVENT, PICTURE, PLAN, POSE, POSTERIOR, SET, SOFT_OBSERVATION
-from agents.transport import Peer, PeerChange
+from agents.messages import HealthMessage
+from agents.transport import Peer
 from sim.network import SimulatedTransport
+from sim.node_clock import Computer, NodeClock
 
 if TYPE_CHECKING:
     from sim.engine import Engine
 
-BOOT = "b0"  # in virtual time a boot's name is no surprise
+
+class Killed(Exception):
+    """The process that was being stepped is no more; nobody but its node's loop sees this."""
+
+
+class Life(Enum):
+    """How a process is."""
+
+    OFF = "off"
+    RUNNING = "running"
+    STOPPED = "stopped"  # SIGSTOP
+
+
+def boot_name(number: int) -> str:
+    """The id of a process's start; in virtual time a boot's name is no surprise."""
+    return f"b{number}"
 
 
 class Node(ABC):
     """What all simulated processes share."""
 
     def __init__(self, engine: Engine, role: str, name: str) -> None:
+        self.role = role
         self.name = name
         self.engine = engine
+        self.life = Life.OFF
+        self.boot = ""
+        self.computer = Computer()
+        self.clock: Clock = engine.clock
+        self.lag_s = 0.0  # it looks at what has come no more often than this
+        self._boots = 0
+        self._told: list[Event] = []
+        self._wake_at = float("inf")
+        self._busy_until = 0.0
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.name}/{self.boot}, {self.life.value})"
+
+    # From outside
+
+    def start(self) -> None:
+        """A new process of this name, which knows only what was durable."""
+        assert self.life is Life.OFF, f"{self.name} runs"
+        engine, name = self.engine, self.name
+        self.boot = boot_name(self._boots)
+        self._boots += 1
+        computer = self.computer
+        exact = computer.offset == 0.0 and computer.drift == 0.0
+        self.clock = engine.clock if exact else NodeClock(computer, engine.clock.now)
+        self._told, self._wake_at, self._busy_until = [], float("inf"), 0.0
         self.transport = SimulatedTransport(engine.network)
         self.mailbox = Mailbox(
             engine.team.mission.team, lambda text: engine.events.append(f"{name}: {text}"), engine.decode
         )
-        self.peers: list[PeerChange] = []
-        self._told: list[Event] = []
-        self._wake_at = float("inf")
         self._subscribe()
-        self.transport.open(Peer(role, name, BOOT), self.wake)
+        self.life = Life.RUNNING
+        self._begin()
+        self.transport.open(Peer(self.role, name, self.boot), self.wake)
+
+    def kill(self) -> None:
+        """SIGKILL: all that is not durable is gone."""
+        self.life = Life.OFF
+        self._wake_at = float("inf")
+        self.transport.close()
+
+    def stop(self) -> None:
+        """SIGSTOP."""
+        self.life = Life.STOPPED
+
+    def go_on(self) -> None:
+        """SIGCONT."""
+        self.life = Life.RUNNING
+        self.wake()
+
+    # From the engine and the network
 
     def wake(self) -> None:
         """Step as soon as everything that happens at this time has happened."""
@@ -52,24 +107,44 @@ class Node(ABC):
         self.wake()
 
     def _schedule(self, time: float) -> None:
+        if self.life is not Life.RUNNING:
+            return
         now = self.engine.clock.now()
+        time = max(time, self._busy_until)
         if self._wake_at <= time and self._wake_at >= now:
             return
         self._wake_at = time
         self.engine.after(max(0.0, time - now), lambda: self._run(time))
 
     def _run(self, due: float) -> None:
-        if due != self._wake_at:
+        if due != self._wake_at or self.life is not Life.RUNNING:
             return  # superseded by an earlier wake
         self._wake_at = float("inf")
+        if self.lag_s:
+            self._busy_until = due + self.lag_s
         events: list[Event] = [*self.transport.drain_peer_changes()]
         events += self.mailbox.open(self.transport.drain())
         told, self._told = self._told, []
-        self.step(events + told)
-        self._schedule(max(self.next_wake(), self.engine.clock.now()))
+        try:
+            self.step(events + told)
+        except Killed:
+            return
+        self._schedule(max(self._true(self.next_wake()), self.engine.clock.now()))
+
+    def _true(self, time: float) -> float:
+        """When it is truly, when this node's clock shows a time."""
+        if isinstance(self.clock, NodeClock):
+            return self.engine.clock.now() + self.clock.delay_until(time) + 1e-9
+        return time
+
+    # What a process is
 
     @abstractmethod
     def _subscribe(self) -> None: ...
+
+    @abstractmethod
+    def _begin(self) -> None:
+        """Make the agent, from what is durable."""
 
     @abstractmethod
     def step(self, events: list[Event]) -> None:
@@ -77,138 +152,12 @@ class Node(ABC):
 
     @abstractmethod
     def next_wake(self) -> float:
-        """When the agent wants to be woken at the latest."""
+        """When the agent wants to be woken at the latest, on its own clock."""
 
     @abstractmethod
     def health(self) -> HealthMessage:
         """As of now."""
 
-
-class RobotNode(Node):
-    """A robot process."""
-
-    def __init__(self, engine: Engine, robot: str) -> None:
-        super().__init__(engine, "robot", robot)
-        team = engine.team
-        vehicle = team.vehicle(robot, engine.seed, engine.world)
-        sensor = team.sensor(robot, engine.seed, engine.world)
-        setup = RobotSetup(
-            mission=team.mission,
-            robot=robot,
-            boot=BOOT,
-            vehicle=team.vehicle_models[robot],
-            vehicles=team.vehicle_models,
-            sensors=team.sensor_models,
-            area=team.area,
-            periods=team.measure_periods,
-            follows_plans=vehicle.follows_plans,
-            first_capture=sensor.next_capture(-1.0),
-            stagger_s=0.0 if engine.planning.joint else 0.1,
-        )
-        self.robot = Robot(setup, 0.0)
-        self.body = RobotBody(self.robot, vehicle, sensor, engine.clock, self._perform)
-
-    def _subscribe(self) -> None:
-        for topic in (POSE, SET, PICTURE, POSTERIOR):
-            self.transport.subscribe(topic, urgent=False)
-        self.transport.subscribe(PLAN)
-
-    def _perform(self, action: Action) -> None:
-        self.engine.perform(self, action)
-
-    def step(self, events: list[Event]) -> None:
-        self.body.step(events)
-
-    def next_wake(self) -> float:
-        return self.body.next_wake()
-
-    def health(self) -> HealthMessage:
-        robot = self.robot
-        return health_message(
-            robot.stamp,
-            self.engine.clock.now(),
-            "robot",
-            robot.state,
-            self.mailbox,
-            self.transport.statistics(),
-            {"sets": robot.stamp.sent(SET), "reoffered": robot.unacknowledged.reoffered},
-            {},
-            {
-                "measure_clock_lateness_ms": self.body.lateness_ms,
-                # All robots share one plan service here: the first tells for all.
-                "plan_ms": self.engine.planning.plan_ms if self is self.engine.robots[0] else Histogram(),
-            },
-        )
-
-
-class FusionNode(Node):
-    """The fusion process."""
-
-    def __init__(self, engine: Engine) -> None:
-        super().__init__(engine, "fusion", "fusion")
-        team = engine.team
-        self.fusion = Fusion(
-            FusionSetup(team.mission, "fusion", BOOT, team.search(), team.sensor_models), engine.seed
-        )
-
-    def _subscribe(self) -> None:
-        self.transport.subscribe(SET)
-        self.transport.subscribe(SOFT_OBSERVATION)
-
-    def step(self, events: list[Event]) -> None:
-        now = self.engine.clock.now()
-        for action in self.fusion.step(now, events):
-            if isinstance(action, Publish) and isinstance(action.message, PosteriorMessage) and events:
-                self.engine.capture_to_posterior_ms.add((now - action.message.time) * 1e3)
-            self.engine.perform(self, action)
-
-    def next_wake(self) -> float:
-        return self.fusion.next_wake()
-
-    def health(self) -> HealthMessage:
-        return health_message(
-            self.fusion.stamp,
-            self.engine.clock.now(),
-            "fusion",
-            "running",
-            self.mailbox,
-            self.transport.statistics(),
-            self.fusion.counters,
-            {},
-            {"capture_to_posterior_ms": self.engine.capture_to_posterior_ms},
-        )
-
-
-class OperatorNode(Node):
-    """Somebody who says what the mission's statements tell, each at its time."""
-
-    def __init__(self, engine: Engine) -> None:
-        super().__init__(engine, "operator", "operator")
-        mission = engine.team.mission
-        self.operator = Operator(mission, "operator", BOOT)
-        for table in mission.statements:
-            self.operator.plan(table.at_s, said(table))
-
-    def _subscribe(self) -> None:
-        for topic in (POSTERIOR, EVENT):
-            self.transport.subscribe(topic, urgent=False)
-
-    def step(self, events: list[Event]) -> None:
-        for action in self.operator.step(self.engine.clock.now(), events):
-            self.engine.perform(self, action)
-
-    def next_wake(self) -> float:
-        return self.operator.next_wake()
-
-    def health(self) -> HealthMessage:
-        return health_message(
-            self.operator.stamp,
-            self.engine.clock.now(),
-            "operator",
-            "speaking",
-            self.mailbox,
-            self.transport.statistics(),
-            {"soft_observations": self.operator.stamp.sent(SOFT_OBSERVATION)},
-            {},
-            {},
-        )
+    def sizes(self) -> dict[str, int]:
+        """How much it keeps of what could grow, by name."""
+        return {}

@@ -1,0 +1,123 @@
+"""The simulated processes that are no robots: fusion, operator, viewer."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from agents.fusion import Fusion, FusionSetup
+from agents.health import health_message
+from agents.machine import Event, Publish, Stamp
+from agents.messages import HealthMessage, PosteriorMessage
+from agents.operator_agent import Operator
+from agents.statements import said
+from agents.topics import EVENT, HEALTH, PICTURE, PLAN, POSE, POSTERIOR, SET, SOFT_OBSERVATION, TRUTH
+from sim.nodes import Node
+
+if TYPE_CHECKING:
+    from sim.engine import Engine
+
+
+class FusionNode(Node):
+    """A fusion process. Its ledger is the engine's: it outlives the process."""
+
+    def __init__(self, engine: Engine, name: str = "fusion") -> None:
+        super().__init__(engine, "fusion", name)
+
+    def _begin(self) -> None:
+        engine, team = self.engine, self.engine.team
+        setup = FusionSetup(team.mission, self.name, self.boot, team.search(), team.sensor_models)
+        self.fusion = Fusion(setup, engine.seed)
+        ledger = engine.ledgers.get(self.name)
+        if ledger is not None and len(ledger):
+            self.fusion.restore(list(ledger.replay(team.mission.team)))
+
+    def _subscribe(self) -> None:
+        self.transport.subscribe(SET)
+        self.transport.subscribe(SOFT_OBSERVATION)
+
+    def step(self, events: list[Event]) -> None:
+        now = self.clock.now()
+        for action in self.fusion.step(now, events):
+            if isinstance(action, Publish) and isinstance(action.message, PosteriorMessage) and events:
+                self.engine.capture_to_posterior_ms.add((now - action.message.time) * 1e3)
+            self.engine.perform(self, action)
+
+    def next_wake(self) -> float:
+        return self.fusion.next_wake()
+
+    def health(self) -> HealthMessage:
+        return health_message(
+            self.fusion.stamp,
+            self.clock.now(),
+            "fusion",
+            "running",
+            self.mailbox,
+            self.transport.statistics(),
+            self.fusion.counters,
+            {},
+            {"capture_to_posterior_ms": self.engine.capture_to_posterior_ms},
+        )
+
+
+class OperatorNode(Node):
+    """Somebody who says what the mission's statements tell, each at its time."""
+
+    def __init__(self, engine: Engine) -> None:
+        super().__init__(engine, "operator", "operator")
+
+    def _begin(self) -> None:
+        mission = self.engine.team.mission
+        self.operator = Operator(mission, "operator", self.boot)
+        for table in mission.statements:
+            self.operator.plan(table.at_s, said(table))
+
+    def _subscribe(self) -> None:
+        for topic in (POSTERIOR, EVENT):
+            self.transport.subscribe(topic, urgent=False)
+
+    def step(self, events: list[Event]) -> None:
+        for action in self.operator.step(self.clock.now(), events):
+            self.engine.perform(self, action)
+
+    def next_wake(self) -> float:
+        return self.operator.next_wake()
+
+    def health(self) -> HealthMessage:
+        return health_message(
+            self.operator.stamp,
+            self.clock.now(),
+            "operator",
+            "speaking",
+            self.mailbox,
+            self.transport.statistics(),
+            {"soft_observations": self.operator.stamp.sent(SOFT_OBSERVATION)},
+            {},
+            {},
+        )
+
+
+class ViewerNode(Node):
+    """Somebody who wants to hear everything and says nothing; there to be slow, frozen or dead."""
+
+    PERIOD_S = 0.25
+
+    def __init__(self, engine: Engine) -> None:
+        super().__init__(engine, "watch", "watch")
+
+    def _begin(self) -> None:
+        self._look_at = self.clock.now()
+
+    def _subscribe(self) -> None:
+        for topic in (POSE, SET, PLAN, POSTERIOR, PICTURE, EVENT, HEALTH, TRUTH):
+            self.transport.subscribe(topic, urgent=False)
+
+    def step(self, events: list[Event]) -> None:
+        self._look_at = self.clock.now() + self.PERIOD_S
+
+    def next_wake(self) -> float:
+        return self._look_at
+
+    def health(self) -> HealthMessage:
+        stamp = Stamp(self.engine.team.mission.team, self.name, self.boot)
+        link = self.transport.statistics()
+        return health_message(stamp, self.clock.now(), "watch", "showing", self.mailbox, link, {}, {}, {})
