@@ -49,6 +49,7 @@ ARRAYS: dict[type[m.Message], dict[str, ArraySpec]] = {
     m.PoseMessage: {"pose": _floats(4), "velocity": _floats(3)},
     m.MeasurementSetMessage: {"pose": _floats(4), "measurements": _floats("m", "s")},
     m.SoftObservationMessage: {"points": _floats("p", 2)},
+    m.BidMessage: {"places": _floats("t", "d")},
     m.PlanMessage: {
         "waypoint": _floats(3),
         "measure_times": _floats("m"),
@@ -218,6 +219,10 @@ def _check(message: m.Message) -> None:
                 raise MalformedMessage("not_finite", name)
     if isinstance(message, m.SoftObservationMessage):
         _check_soft_observation(message)
+    elif isinstance(message, m.BidMessage):
+        _check_bid(message)
+    elif isinstance(message, m.RequestMessage):
+        _check_wish(message.wish)
 
 
 def _check_soft_observation(message: m.SoftObservationMessage) -> None:
@@ -234,6 +239,20 @@ def _check_soft_observation(message: m.SoftObservationMessage) -> None:
         raise MalformedMessage("wrong_type", f"inner, outer: {inner:g} and {outer:g} m for a side")
     if fewest == 3 and (inner, outer) != (0.0, 0.0):
         raise MalformedMessage("wrong_type", f"inner, outer: {inner:g} and {outer:g} m for a region")
+
+
+def _check_bid(message: m.BidMessage) -> None:
+    if len(message.places) != len(message.tasks):
+        raise MalformedMessage("wrong_shape", f"places: {len(message.places)} for {len(message.tasks)} tasks")
+    if message.winning_bids.keys() != message.winning_agents.keys():
+        raise MalformedMessage("wrong_type", "winning_bids and winning_agents are of different tasks")
+    for wish in message.wishes:
+        _check_wish(wish)
+
+
+def _check_wish(wish: m.Wish) -> None:
+    if not all(map(math.isfinite, (*wish.place, wish.worth, wish.asked))):
+        raise MalformedMessage("not_finite", f"request {wish.name}")
 
 
 def _finite(array: m.Array) -> bool:

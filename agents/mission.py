@@ -16,6 +16,7 @@ from estimator.arrays import Count, FloatArray, NonNegative, Positive
 from estimator.filter import Area
 
 Table = dict[str, Any]
+TASK_KINDS = ("explore", "refine", "request")  # what robots that share tasks may be able to do
 Vector = Annotated[list[float], Meta(min_length=2, max_length=3)]
 
 
@@ -131,6 +132,7 @@ class RobotTable(Strict, frozen=True, kw_only=True):
     vehicle: Table
     sensor: Table
     budget: BudgetTable | None = None
+    capabilities: list[Name] = msgspec.field(default_factory=lambda: [*TASK_KINDS])  # and what requests need
 
 
 class StatementTable(Strict, frozen=True, kw_only=True):

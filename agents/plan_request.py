@@ -13,6 +13,7 @@ from agents.mission import Mission, start_pose
 from estimator.arrays import FloatArray
 from estimator.filter import Area
 from estimator.sensor import SensorModel
+from planner.allocation.desk import Desk
 from planner.plan import UNLIMITED, Budget, Commitment, PlanProblem, Trajectory, VehicleModel
 from planner.vehicles.route import advanced
 
@@ -36,6 +37,7 @@ class RobotSetup:
     area: Area | None = None  # with its map; None: the mission's box
     vehicles: Mapping[str, VehicleModel] = field(default_factory=dict)  # the whole team's, to keep apart
     patience: float = 1.0  # scales the re-offer time, for teams that run faster than the wall
+    desk: Desk | None = None  # where robots share tasks: this one's part in it
 
 
 def plan_problem(
