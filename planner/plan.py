@@ -1,6 +1,6 @@
 """The seam between planners and the team: one frozen problem in, one plan out."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol, runtime_checkable
 
@@ -175,8 +175,20 @@ class TeamPlanner(Protocol):
         """One plan per problem, in their order."""
 
 
+Over = Callable[[], bool]  # whether time has run out
+
+
+def never() -> bool:
+    """There is always time."""
+    return False
+
+
 class Ground(Protocol):
-    """Where robots may be: the area without obstacles (grown by the robot's radius) and keep-out zones."""
+    """Where robots may be: the area without obstacles (grown by the robot's radius) and keep-out zones.
+
+    Searches for ways ask `over` from time to time, and end when it says so as if there were no way on; near
+    places are reached first. What they found is not wrong, it is only less.
+    """
 
     def clear(self, points: FloatArray) -> BoolArray:
         """(n,) whether points (d, n) may be entered."""
@@ -184,10 +196,17 @@ class Ground(Protocol):
     def segments_clear(self, starts: FloatArray, ends: FloatArray) -> BoolArray:
         """(n,) whether the straight ways from starts (d, n) to ends (d, n) may be taken."""
 
-    def path(self, start: FloatArray, goal: FloatArray) -> FloatArray | None:
-        """The corners (d, k) of a shortest way from start (d,) to goal (d,), with both; None: no way."""
+    def path(self, start: FloatArray, goal: FloatArray, over: Over = never) -> FloatArray | None:
+        """The corners (d, k) of a shortest way from start (d,) to goal (d,), with both; None: no way.
 
-    def distances(self, goal: FloatArray, points: FloatArray) -> FloatArray:
+        From a start that is not clear there is one only if the ground knows how to leave it; to a goal that
+        is not, there is none.
+        """
+
+    def paths(self, start: FloatArray, goals: FloatArray, over: Over = never) -> list[FloatArray | None]:
+        """`path` from one start to goals (d, n): for all of them little dearer than for one."""
+
+    def distances(self, goal: FloatArray, points: FloatArray, over: Over = never) -> FloatArray:
         """(n,) metres of the shortest ways from points (d, n) to goal (d,); infinite where there is none."""
 
 

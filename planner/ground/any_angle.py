@@ -3,212 +3,284 @@
 A cell is reached straight from the corner before it where the line between them is open, not by steps to its
 neighbours (Nash, Koenig, Tovey, "Lazy Theta*: Any-Angle Path Planning and Path Length Analysis in 3D", AAAI
 2010); one line is asked about per cell that is expanded. With a goal the search is A* with the straight
-distance ahead as its guide; without one it goes on until every cell that can be reached has its distance.
+distance ahead as its guide; without one it goes on, as a wave, as far as it is told to.
 
-Open cells wait in buckets of half a cell's width of estimated length rather than in a heap: a bucket's order
-is within what the grid can tell apart, and putting in and taking out take no search.
+What makes it fast, none of which changes the result:
+
+* Open cells wait in buckets of half a cell's width of estimated length rather than in a heap, each at most
+  once: a bucket's order is within what the grid can tell apart, and lists need no search.
+* A neighbour that is already reached from the same corner is not looked at again: the length is the same.
+* On one layer, a line to a cell is open if those from the same corner to the two cells that it passes
+  between just before are (`_between_open`); most lines need not be followed.
 """
 
 import numpy as np
 
-from estimator.arrays import BoolArray, FlagArray, FloatArray, ShortArray
+from estimator.arrays import BoolArray, FlagArray, FloatArray, IntArray, ShortArray
 from estimator.kernels import exact_kernel
 from planner.ground.walk import open_way
 
 BUCKETS = 64
 SOURCE = -1  # a cell's corner before it is the place where the ways begin
 UNREACHED = -2
+NEIGHBOURS = 2.0  # cells, by which one next to a place may be farther than it and still count
+CURRENT, WAITING, ARRIVED = 0, 1, 2  # of `marks`: the bucket that is worked on, cells in buckets, at the goal
+
+
+def moves_of(layers: int) -> ShortArray:
+    """Steps (m, 3) to the neighbours, along columns, rows and layers: 8 of them, or 26."""
+    up = (-1, 0, 1) if layers > 1 else (0,)
+    return np.array(
+        [(i, j, k) for k in up for j in (-1, 0, 1) for i in (-1, 0, 1) if (i, j, k) != (0, 0, 0)], np.int32
+    )
 
 
 @exact_kernel
-def search(
-    clearance: FlagArray,
-    sides: FloatArray,
-    source: FloatArray,
-    goal: FloatArray,
-    directed: bool,
-    lengths: FloatArray,
-    corners: ShortArray,
-) -> int:
-    """Fill `lengths` (metres) and `corners` (the cell before, or SOURCE) of flat cells, in place.
-
-    Args:
-        clearance: (l, r, c), 0 where blocked.
-        sides: (2,) metres of a cell along rows and columns, and of a layer.
-        source, goal: (3,) cell coordinates (column, row, layer) in free cells.
-        directed: stop as soon as the goal's cell is reached.
-
-    Returns the goal's flat cell, or -1 if it was not reached.
-    """
-    layers, rows, columns = clearance.shape
-    flat_goal = (int(goal[2]) * rows + int(goal[1])) * columns + int(goal[0])
-    lengths[:] = np.inf
-    corners[:] = UNREACHED
-    closed = np.zeros(lengths.size, np.bool_)
-    head = np.full(BUCKETS, -1, np.int32)
-    entries = np.empty((1024, 2), np.int32)  # a cell, the next entry of its bucket
-    used, spare, waiting = 0, -1, 0
-    width = 0.5 * min(sides[0], sides[1]) if layers > 1 else 0.5 * sides[0]
-    zs = 1 if layers > 1 else 0
-
-    i, j, k = int(source[0]), int(source[1]), int(source[2])
-    first = (k * rows + j) * columns + i
-    lengths[first] = _gap(sides, source, i + 0.5, j + 0.5, k + 0.5)
-    corners[first] = SOURCE
-    ahead = _gap(sides, goal, i + 0.5, j + 0.5, k + 0.5) if directed else 0.0
-    current = int((lengths[first] + ahead) / width)
-    entries[0, 0], entries[0, 1] = first, -1
-    head[current % BUCKETS] = 0
-    used, waiting = 1, 1
-    at = np.empty(3)
-    while waiting > 0:
-        slot = current % BUCKETS
-        entry = head[slot]
-        if entry < 0:
-            current += 1
-            continue
-        head[slot] = entries[entry, 1]
-        cell = entries[entry, 0]
-        entries[entry, 1] = spare
-        spare = entry
-        waiting -= 1
-        if closed[cell]:
-            continue
-        closed[cell] = True
+def allowed_steps(clearance: FlagArray, moves: ShortArray, out: ShortArray) -> None:
+    """Bits of `out` (cells,): the moves from each cell of clearance (l, r, c) that touch free cells only."""
+    _, rows, columns = clearance.shape
+    for cell in range(out.size):
         i, j, k = cell % columns, (cell // columns) % rows, cell // (columns * rows)
-        _corner(corners[cell], source, rows, columns, at)
-        if not open_way(clearance, at[0], at[1], at[2], i + 0.5, j + 0.5, k + 0.5):
-            # The lazy guess was wrong: go by the best neighbour instead.
-            best, before = np.inf, UNREACHED
-            for dk in range(-zs, zs + 1):
-                for dj in range(-1, 2):
-                    for di in range(-1, 2):
-                        if not _step(clearance, i, j, k, di, dj, dk):
-                            continue
-                        other = ((k + dk) * rows + j + dj) * columns + i + di
-                        if closed[other] and other != cell:
-                            length = lengths[other] + _long(sides, di, dj, dk)
-                            if length < best:
-                                best, before = length, other
-            lengths[cell], corners[cell] = best, before
-            if before == UNREACHED:
-                continue
-            _corner(before, source, rows, columns, at)
-        if directed and cell == flat_goal:
-            return int(flat_goal)
-        base = lengths[cell] - _gap(sides, at, i + 0.5, j + 0.5, k + 0.5)
-        for dk in range(-zs, zs + 1):
-            for dj in range(-1, 2):
-                for di in range(-1, 2):
-                    if not _step(clearance, i, j, k, di, dj, dk):
-                        continue
-                    other = ((k + dk) * rows + j + dj) * columns + i + di
-                    if closed[other]:
-                        continue
-                    x, y, z = i + di + 0.5, j + dj + 0.5, k + dk + 0.5
-                    length = base + _gap(sides, at, x, y, z)
-                    if length < lengths[other] - 1e-12:
-                        lengths[other], corners[other] = length, corners[cell]
-                        ahead = _gap(sides, goal, x, y, z) if directed else 0.0
-                        bucket = int((length + ahead) / width)
-                        bucket = min(max(bucket, current), current + BUCKETS - 1) % BUCKETS
-                        if spare >= 0:
-                            entry, spare = spare, entries[spare, 1]
-                        else:
-                            if used == entries.shape[0]:
-                                more = np.empty((2 * used, 2), np.int32)
-                                more[:used] = entries
-                                entries = more
-                            entry = used
-                            used += 1
-                        entries[entry, 0], entries[entry, 1] = other, head[bucket]
-                        head[bucket] = entry
-                        waiting += 1
-    if not directed:
-        return int(flat_goal) if closed[flat_goal] else -1
-    return -1
-
-
-@exact_kernel
-def _gap(sides: FloatArray, place: FloatArray, u: float, v: float, w: float) -> float:
-    """Metres between two places in cell coordinates."""
-    a, b, c = (u - place[0]) * sides[0], (v - place[1]) * sides[0], (w - place[2]) * sides[1]
-    return float(np.sqrt(a * a + b * b + c * c))
-
-
-@exact_kernel
-def _long(sides: FloatArray, di: int, dj: int, dk: int) -> float:
-    a, c = sides[0], sides[1]
-    return float(np.sqrt((di * di + dj * dj) * a * a + dk * dk * c * c))
-
-
-@exact_kernel
-def _corner(cell: int, source: FloatArray, rows: int, columns: int, out: FloatArray) -> None:
-    """Where the corner `cell` (or SOURCE) is, in cell coordinates."""
-    if cell == SOURCE:
-        out[:] = source
-    else:
-        out[0], out[1] = cell % columns + 0.5, (cell // columns) % rows + 0.5
-        out[2] = cell // (columns * rows) + 0.5
+        bits = 0
+        if clearance[k, j, i] > 0:
+            for m in range(len(moves)):
+                if _step(clearance, i, j, k, moves[m, 0], moves[m, 1], moves[m, 2]):
+                    bits |= 1 << m
+        out[cell] = bits
 
 
 @exact_kernel
 def _step(clearance: FlagArray, i: int, j: int, k: int, di: int, dj: int, dk: int) -> bool:
-    """Whether one may step to this neighbour: it and all cells that the step touches are free."""
+    """Whether one may step from a free cell to this neighbour: it and all cells that the step touches are."""
     layers, rows, columns = clearance.shape
-    if di == 0 and dj == 0 and dk == 0:
-        return False
     if not (0 <= i + di < columns and 0 <= j + dj < rows and 0 <= k + dk < layers):
         return False
     if clearance[k, j, i] > 1:  # nothing near is blocked
         return True
-    if clearance[k + dk, j + dj, i + di] == 0:
-        return False
-    if clearance[k + dk, j + dj, i] == 0 or clearance[k + dk, j, i + di] == 0:
-        return False
-    if clearance[k, j + dj, i + di] == 0:
-        return False
-    return bool(clearance[k + dk, j, i] > 0 and clearance[k, j + dj, i] > 0 and clearance[k, j, i + di] > 0)
+    for c in range(2 if dk != 0 else 1):
+        for b in range(2 if dj != 0 else 1):
+            for a in range(2 if di != 0 else 1):
+                if clearance[k + c * dk, j + b * dj, i + a * di] == 0:
+                    return False
+    return True
 
 
 @exact_kernel
-def way_back(
-    corners: ShortArray, cell: int, source: FloatArray, shape: tuple[int, int, int], most: int
+def spread(
+    clearance: FlagArray,
+    sides: FloatArray,
+    moves: ShortArray,
+    steps: ShortArray,
+    source: FloatArray,
+    goal: FloatArray,
+    directed: bool,
+    until: float,
+    most: int,
+    lengths: FloatArray,
+    corners: ShortArray,
+    closed: BoolArray,
+    after: ShortArray,
+    before: ShortArray,
+    heads: ShortArray,
+    marks: IntArray,
+) -> None:
+    """Begin a search or go on with it, in place: until cells are `until` metres away, `most` cells at a time.
+
+    Args:
+        clearance: (l, r, c), 0 where blocked.
+        sides: (2,) metres of a cell along rows and columns, and of a layer.
+        moves, steps: of `moves_of` and `allowed_steps`.
+        source, goal: (3,) cell coordinates (column, row, layer) in free cells; a goal only if `directed`.
+        lengths: (cells,) metres, infinite at first.
+        corners: (cells,) the cell before, or SOURCE; UNREACHED at first.
+        closed: (cells,) whether the cell's length is final; False at first.
+        after, before: (cells,) its neighbours in its bucket; below 0 no cell, `before` then says the bucket.
+        heads: (BUCKETS,) the first cell of each, -1 where it is empty, as at first.
+        marks: (3,), 0 at first.
+    """
+    layers, rows, columns = clearance.shape
+    flat, side, high = layers == 1, sides[0], sides[1]
+    free = clearance.reshape(-1)
+    width = 0.5 * side if flat else 0.5 * min(side, high)
+    current, waiting = marks[CURRENT], marks[WAITING]
+    us, vs, ws = source[0], source[1], source[2]
+    ug, vg, wg = goal[0], goal[1], goal[2]
+    jumps = np.empty(len(moves), np.int64)
+    for m in range(len(moves)):
+        jumps[m] = (moves[m, 2] * rows + moves[m, 1]) * columns + moves[m, 0]
+    last = (int(wg) * rows + int(vg)) * columns + int(ug) if directed else -1
+    first = (int(ws) * rows + int(vs)) * columns + int(us)
+    if corners[first] == UNREACHED:
+        u, v, w = int(us) + 0.5, int(vs) + 0.5, int(ws) + 0.5
+        lengths[first] = _gap(side, high, us, vs, ws, u, v, w)
+        corners[first] = SOURCE
+        ahead = _gap(side, high, ug, vg, wg, u, v, w) if directed else 0.0
+        current = int((lengths[first] + ahead) / width)
+        slot = current % BUCKETS
+        heads[slot], after[first], before[first] = first, -1, -1 - slot
+        waiting = 1
+    while waiting > 0 and most > 0:
+        slot = current % BUCKETS
+        cell = heads[slot]
+        if cell < 0:
+            current += 1
+            if current * width > until:
+                break
+            continue
+        following = after[cell]
+        heads[slot] = following
+        if following >= 0:
+            before[following] = -1 - slot
+        waiting -= 1
+        most -= 1
+        closed[cell] = True
+        line, i = cell // columns, cell % columns
+        k, j = (0, line) if flat else (line // rows, line % rows)
+        corner = corners[cell]
+        u, v, w = us, vs, ws
+        if corner >= 0:
+            line = corner // columns
+            u, v, w = corner % columns + 0.5, (line if flat else line % rows) + 0.5, line // rows + 0.5
+        known = False
+        if flat:
+            # The line passes between the middles of two cells that share a side, one step nearer to the
+            # corner. If the lines from the corner to both are open, so is it: what is blocked is made of
+            # squares of a cell's width, and the two lines are nowhere farther apart than that.
+            du, dv = i + 0.5 - u, j + 0.5 - v
+            su, sv = (1 if du > 0.0 else -1), (columns if dv > 0.0 else -columns)
+            wide = abs(du) >= abs(dv)
+            straight, aside = cell - (su if wide else sv), cell - su - sv
+            if max(abs(du), abs(dv)) >= 1.0 and closed[straight] and corners[straight] == corner:
+                if du == 0.0 or dv == 0.0:
+                    known = True
+                elif closed[aside] and corners[aside] == corner:
+                    known = abs(du) != abs(dv) or (free[cell - su] > 0 and free[cell - sv] > 0)
+        if not known and not open_way(clearance, u, v, w, i + 0.5, j + 0.5, k + 0.5):
+            # The lazy guess was wrong: go by the best neighbour instead.
+            best, corner = np.inf, UNREACHED
+            for m in range(len(moves)):
+                other = cell + jumps[m]
+                if steps[cell] >> m & 1 and closed[other]:
+                    along = _gap(side, high, 0.0, 0.0, 0.0, moves[m, 0], moves[m, 1], moves[m, 2])
+                    if lengths[other] + along < best:
+                        best, corner = lengths[other] + along, other
+            lengths[cell], corners[cell] = best, corner
+            if corner == UNREACHED:
+                continue
+            line = corner // columns
+            u, v, w = corner % columns + 0.5, (line if flat else line % rows) + 0.5, line // rows + 0.5
+        if cell == last:
+            marks[ARRIVED] = 1
+            break
+        base = lengths[corner] if corner >= 0 else 0.0
+        allowed = steps[cell]
+        for m in range(len(moves)):
+            if not allowed >> m & 1:
+                continue
+            other = cell + jumps[m]
+            if corners[other] == corner or closed[other]:
+                continue
+            x, y, z = i + moves[m, 0] + 0.5, j + moves[m, 1] + 0.5, k + moves[m, 2] + 0.5
+            length = base + _gap(side, high, u, v, w, x, y, z)
+            if length < lengths[other] - 1e-12:
+                if corners[other] == UNREACHED:
+                    waiting += 1
+                else:  # it waits in another bucket
+                    following, previous = after[other], before[other]
+                    if previous >= 0:
+                        after[previous] = following
+                    else:
+                        heads[-1 - previous] = following
+                    if following >= 0:
+                        before[following] = previous
+                lengths[other], corners[other] = length, corner
+                ahead = _gap(side, high, ug, vg, wg, x, y, z) if directed else 0.0
+                slot = min(max(int((length + ahead) / width), current), current + BUCKETS - 1) % BUCKETS
+                following = heads[slot]
+                if following >= 0:
+                    before[following] = other
+                heads[slot], after[other], before[other] = other, following, -1 - slot
+    marks[CURRENT], marks[WAITING] = current, waiting
+
+
+@exact_kernel
+def _gap(side: float, high: float, u: float, v: float, w: float, x: float, y: float, z: float) -> float:
+    """Metres between two places in cell coordinates."""
+    a, b, c = (x - u) * side, (y - v) * side, (z - w) * high
+    return float(np.sqrt(a * a + b * b + c * c))
+
+
+@exact_kernel
+def _place(cell: int, source: FloatArray, rows: int, columns: int) -> tuple[float, float, float]:
+    """Where the corner `cell` (or SOURCE) is, in cell coordinates."""
+    if cell == SOURCE:
+        return source[0], source[1], source[2]
+    return cell % columns + 0.5, (cell // columns) % rows + 0.5, cell // (columns * rows) + 0.5
+
+
+@exact_kernel
+def ways_back(
+    clearance: FlagArray,
+    source: FloatArray,
+    goals: FloatArray,
+    corners: ShortArray,
+    closed: BoolArray,
+    offsets: IntArray,
 ) -> FloatArray:
-    """The corners (3, m) in cell coordinates from the source to a reached cell, its middle included."""
-    _, rows, columns = shape
-    backwards = np.empty((most, 3))
-    count = 0
-    while cell >= 0 and count < most - 1:
-        _corner(cell, source, rows, columns, backwards[count])
-        cell = corners[cell]
-        count += 1
-    backwards[count] = source
-    return backwards[: count + 1][::-1].T.copy()
+    """The corners (3, m) of the ways from the source to goals (3, n), in cell coordinates, one after another.
+
+    Way i is at offsets[i]:offsets[i + 1] (n + 1,), which is filled here: source and goal among its corners,
+    without those that a straight line may skip; nothing where the goal's cell is not closed.
+    """
+    _, rows, columns = clearance.shape
+    out, count = np.empty((3, 64)), 0
+    offsets[0] = 0
+    for g in range(goals.shape[1]):
+        offsets[g + 1] = count
+        x, y, z = goals[0, g], goals[1, g], goals[2, g]
+        cell = (int(z) * rows + int(y)) * columns + int(x)
+        if not closed[cell] or corners[cell] == UNREACHED:
+            continue
+        many, at = 2, cell  # corners: the cells passed, source and goal
+        while at >= 0:
+            many += 1
+            at = corners[at]
+        while count + many > out.shape[1]:
+            more = np.empty((3, 2 * out.shape[1]))
+            more[:, :count] = out[:, :count]
+            out = more
+        way = out[:, count : count + many]
+        way[:, 0] = source
+        way[0, many - 1], way[1, many - 1], way[2, many - 1] = x, y, z
+        at = cell
+        for n in range(many - 2, 0, -1):
+            way[0, n], way[1, n], way[2, n] = _place(at, source, rows, columns)
+            at = corners[at]
+        count += _tightened(clearance, way)
+        offsets[g + 1] = count
+    return out[:, :count].copy()
 
 
 @exact_kernel
-def tightened(clearance: FlagArray, way: FloatArray) -> FloatArray:
-    """The way (3, m) without the corners that a straight line may skip."""
-    m = way.shape[1]
-    keep = np.zeros(m, np.bool_)
-    keep[0] = True
-    here = 0
+def _tightened(clearance: FlagArray, way: FloatArray) -> int:
+    """Move the corners of a way (3, m) that a straight line may not skip to its front; how many they are."""
+    m, kept, here = way.shape[1], 1, 0
     while here < m - 1:
         there = m - 1
         while there > here + 1 and not open_way(
-            clearance, way[0, here], way[1, here], way[2, here], way[0, there], way[1, there], way[2, there]
+            clearance,
+            way[0, kept - 1],
+            way[1, kept - 1],
+            way[2, kept - 1],
+            way[0, there],
+            way[1, there],
+            way[2, there],
         ):
             there -= 1
-        keep[there] = True
+        way[:, kept] = way[:, there]
+        kept += 1
         here = there
-    out = np.empty((3, np.count_nonzero(keep)))
-    n = 0
-    for c in range(m):
-        if keep[c]:
-            out[:, n] = way[:, c]
-            n += 1
-    return out
+    return kept
 
 
 @exact_kernel
@@ -218,6 +290,7 @@ def lengths_at(
     source: FloatArray,
     lengths: FloatArray,
     corners: ShortArray,
+    closed: BoolArray,
     places: FloatArray,
     good: BoolArray,
     out: FloatArray,
@@ -225,9 +298,11 @@ def lengths_at(
     """Metres from the source to places (3, n) in cell coordinates that are `good`; to others infinite.
 
     The last leg is drawn to the place itself, from the corner before its cell or before a neighbour of it.
+    Cells more than NEIGHBOURS farther than the place's own do not count: a wave may have ended there.
     """
     _, rows, columns = clearance.shape
-    at = np.empty(3)
+    side, high = sides[0], sides[1]
+    us, vs, ws = source[0], source[1], source[2]
     for n in range(out.size):
         out[n] = np.inf
         if not good[n]:
@@ -235,23 +310,22 @@ def lengths_at(
         u, v, w = places[0, n], places[1, n], places[2, n]
         i, j, k = int(u), int(v), int(w)
         own = (k * rows + j) * columns + i
-        if corners[own] == UNREACHED:
+        if not closed[own] or corners[own] == UNREACHED:
             continue
-        at[0], at[1], at[2] = i + 0.5, j + 0.5, k + 0.5
-        best = lengths[own] + _gap(sides, at, u, v, w)
-        if open_way(clearance, source[0], source[1], source[2], u, v, w):
-            out[n] = _gap(sides, source, u, v, w)
+        if open_way(clearance, us, vs, ws, u, v, w):
+            out[n] = _gap(side, high, us, vs, ws, u, v, w)
             continue
+        best = lengths[own] + _gap(side, high, i + 0.5, j + 0.5, k + 0.5, u, v, w)
         for dj in range(-1, 2):
             for di in range(-1, 2):
                 if not (0 <= i + di < columns and 0 <= j + dj < rows):
                     continue
                 other = (k * rows + j + dj) * columns + i + di
                 before = corners[other]
-                if before < 0:
+                if not closed[other] or before < 0 or lengths[other] > lengths[own] + NEIGHBOURS * side:
                     continue
-                _corner(before, source, rows, columns, at)
-                length = lengths[before] + _gap(sides, at, u, v, w)
-                if length < best and open_way(clearance, at[0], at[1], at[2], u, v, w):
+                a, b, c = _place(before, source, rows, columns)
+                length = lengths[before] + _gap(side, high, a, b, c, u, v, w)
+                if length < best and open_way(clearance, a, b, c, u, v, w):
                     best = length
         out[n] = best

@@ -8,7 +8,8 @@ import numpy as np
 from estimator.arrays import BoolArray, FlagArray, FloatArray
 from estimator.filter import Area
 from estimator.maps.occupancy import FREE, OCCUPIED, UNKNOWN, OccupancyMap
-from planner.ground.grid_ground import MARGIN, OPEN, SOLID, TIGHT, GridGround
+from planner.ground.frame import MARGIN, OPEN, SOLID, TIGHT
+from planner.ground.grid_ground import GridGround
 from planner.ground.shapes import Shape
 from planner.ground.walk import squared_distances
 

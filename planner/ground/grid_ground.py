@@ -5,27 +5,16 @@ obstacle or of the wrong side of a fence is nearer than the robot's radius. What
 therefore clear; what it calls blocked may have up to 1.5 cells' diagonals of room left.
 """
 
-from collections import OrderedDict
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from estimator.arrays import BoolArray, FlagArray, FloatArray, ShortArray
-from planner.ground.any_angle import UNREACHED, lengths_at, search, tightened, way_back
-from planner.ground.walk import chebyshev3, open_ways
+from estimator.arrays import BoolArray, FlagArray, FloatArray, IntArray
+from planner.ground.frame import MARGIN, OPEN, SOLID, TIGHT, Frame, nearest_free
+from planner.ground.free_grid import FreeGrid
+from planner.plan import Over, never
 
-# Of a cell. TIGHT: clear, but ways that can keep more room do. MARGIN: too near to something for a robot.
-OPEN, TIGHT, MARGIN, SOLID = 0, 1, 2, 3
-FIELDS = 8  # fields of distances that are remembered
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class DistanceField:
-    """The lengths of the shortest ways from one place to everywhere."""
-
-    source: FloatArray  # (3,) cell coordinates
-    lengths: FloatArray  # (cells,) metres
-    corners: ShortArray  # (cells,) the corner before each cell
+WHOLE, FLAT = -1, -2  # in place of a layer's number: all layers, and what is free in all of them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,9 +42,10 @@ class GridGround:
     high: float = np.inf
     reach: float = 0.0
     climb: bool = False
-    clearance: FlagArray = field(init=False)  # king's moves to the nearest cell that is not clear
-    roomy: FlagArray = field(init=False)  # the same to the nearest that is not OPEN
-    _fields: "OrderedDict[bytes, DistanceField]" = field(init=False, repr=False, default_factory=OrderedDict)
+    frame: Frame = field(init=False, repr=False)
+    _tight: bool = field(init=False, repr=False)  # whether any cell is
+    _flat_cells: FlagArray = field(init=False, repr=False)  # (1, rows, columns) the worst of all layers
+    _grids: dict[tuple[bool, int], FreeGrid] = field(init=False, repr=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         cells = self.cells
@@ -73,10 +63,11 @@ class GridGround:
             raise ValueError(f"low: expected less than high, got {self.low} and {self.high}")
         if len(cells) > 1 and not np.isfinite([self.low, self.high]).all():
             raise ValueError(f"low, high: expected finite altitudes with {len(cells)} layers")
-        object.__setattr__(self, "clearance", chebyshev3((cells > TIGHT).astype(np.uint8)))
-        tight = (cells == TIGHT).any()
-        roomy = chebyshev3((cells > OPEN).astype(np.uint8)) if tight else self.clearance
-        object.__setattr__(self, "roomy", roomy)
+        frame = Frame(self.resolution, self.origin, self.low, self.high, len(cells))
+        object.__setattr__(self, "frame", frame)
+        object.__setattr__(self, "_tight", bool((cells == TIGHT).any()))
+        flat = np.ascontiguousarray(cells.max(axis=0, keepdims=True)) if len(cells) > 1 else cells
+        object.__setattr__(self, "_flat_cells", flat)
 
     def __repr__(self) -> str:
         layers, rows, columns = self.cells.shape
@@ -87,244 +78,191 @@ class GridGround:
 
     def clear(self, points: FloatArray) -> BoolArray:
         """(n,) whether points (d, n) may be entered; without an altitude, in every layer."""
-        return np.asarray(self._state(points) <= TIGHT)
-
-    def solid(self, points: FloatArray) -> BoolArray:
-        """(n,) whether points (d, n) lie in something, or beyond a fence, so that no way begins there."""
-        return np.asarray(self._state(points) == SOLID)
+        return np.asarray(self.states(points) <= TIGHT)
 
     def segments_clear(self, starts: FloatArray, ends: FloatArray) -> BoolArray:
         """(n,) whether the straight ways from starts (d, n) to ends (d, n) may be taken."""
-        out = np.empty(starts.shape[1], dtype=np.bool_)
-        flat, a, b = self._grid_for(starts), self._places(starts), self._places(ends)
-        open_ways(flat, a, b, out)
-        return np.asarray(out & self._altitudes_right(starts) & self._altitudes_right(ends))
+        grid = self._grid(starts.shape[0])
+        out = grid.straight(self.frame.places(starts), self.frame.places(ends))
+        if starts.shape[0] < 3 or len(self.cells) > 1:  # layers end where the altitudes do
+            return out
+        right = [(z[2] >= self.low) & (z[2] <= self.high) & np.isfinite(z[2]) for z in (starts, ends)]
+        return np.asarray(out & right[0] & right[1])
 
-    def path(self, start: FloatArray, goal: FloatArray) -> FloatArray | None:
+    def path(self, start: FloatArray, goal: FloatArray, over: Over = never) -> FloatArray | None:
         """The corners (d, k) of a shortest way from start (d,) to goal (d,), with both; None: no way.
 
         Shortest among those that keep out of TIGHT, if there are any. A start in MARGIN goes to the nearest
         clear place first. With one layer the altitude changes evenly along the way.
         """
-        return self._paths(start, goal[:, None], sweep=False)[0]
+        return self._paths(start, goal[:, None], over, sweep=False)[0]
 
-    def paths(self, start: FloatArray, goals: FloatArray) -> list[FloatArray | None]:
-        """`path` from one start to goals (d, n), by one sweep over the grid for all of them."""
-        return self._paths(start, goals, sweep=True)
+    def paths(self, start: FloatArray, goals: FloatArray, over: Over = never) -> list[FloatArray | None]:
+        """`path` from one start to goals (d, n), by one wave over the grid for all of them."""
+        return self._paths(start, goals, over, sweep=True)
 
-    def distances(self, goal: FloatArray, points: FloatArray) -> FloatArray:
+    def distances(self, goal: FloatArray, points: FloatArray, over: Over = never) -> FloatArray:
         """(n,) metres of the shortest ways from points (d, n) to goal (d,); infinite where there is none."""
-        out = np.full(points.shape[1], np.inf)
+        n = points.shape[1]
         if not self.clear(goal[:, None])[0]:
-            return out
-        clearance = self._grid_for(points)
-        found = self._field(clearance, -1, goal)
-        good = self.clear(points)
-        lengths_at(
-            clearance,
-            self._sides(),
-            found.source,
-            found.lengths,
-            found.corners,
-            self._places(points),
-            good,
-            out,
-        )
-        state = self._state(points)
-        for n in np.flatnonzero(state == MARGIN):
-            left = self.way_out(np.ascontiguousarray(points[:, n]))
+            return np.full(n, np.inf)
+        state = self.states(points)
+        aside, entered = np.zeros(n), points
+        for i in np.flatnonzero(state == MARGIN):
+            left = self.way_out(np.ascontiguousarray(points[:, i]))
             if left is not None:
-                out[n] = float(np.linalg.norm(left - points[:, n]))
-                out[n] += float(self.distances(goal, left[:, None])[0])
-        return out
+                entered = entered if entered is not points else points.copy()
+                aside[i] = np.linalg.norm(left - points[:, i])
+                entered[:, i], state[i] = left, OPEN
+        grid = self._grid(points.shape[0])
+        source = np.ascontiguousarray(self.frame.places(goal[:, None])[:, 0])
+        return aside + grid.lengths(source, self.frame.places(entered), state <= TIGHT, over)
 
-    # Places and cells
+    # What only a ground of cells knows
 
-    @property
-    def layer_height(self) -> float:
-        """Metres of one layer; with one layer, 1: it does not matter."""
-        return (self.high - self.low) / len(self.cells) if len(self.cells) > 1 else 1.0
+    def states(self, points: FloatArray) -> FlagArray:
+        """OPEN, TIGHT, MARGIN or SOLID (n,) at points (d, n); SOLID beyond the grid or where not finite."""
+        return self.frame.states(self._cells_for(points.shape[0]), points)
 
-    def _sides(self) -> FloatArray:
-        return np.array([self.resolution, self.layer_height])
-
-    def _layered(self, points: FloatArray) -> bool:
-        return len(self.cells) > 1 and points.shape[0] == 3
-
-    def _flat(self, grid: FlagArray, dimension: int) -> FlagArray:
-        """A grid (l, r, c) as points of this dimension live on it."""
-        if len(grid) == 1 or dimension == 3:
-            return grid
-        return chebyshev3((grid.min(axis=0, keepdims=True) == 0).astype(np.uint8))
-
-    def _grid_for(self, points: FloatArray) -> FlagArray:
-        return self._flat(self.clearance, points.shape[0])
-
-    def _places(self, points: FloatArray) -> FloatArray:
-        """Cell coordinates (3, n): column, row, layer."""
-        c, s = np.cos(self.origin[2]), np.sin(self.origin[2])
-        dx, dy = points[0] - self.origin[0], points[1] - self.origin[1]
-        out = np.full((3, points.shape[1]), 0.5)
-        with np.errstate(invalid="ignore"):
-            out[0], out[1] = (c * dx + s * dy) / self.resolution, (c * dy - s * dx) / self.resolution
-        if self._layered(points):
-            out[2] = (points[2] - self.low) / self.layer_height
-        return out
-
-    def _points(self, places: FloatArray, dimension: int) -> FloatArray:
-        """Points (d, n) of cell coordinates (3, n); with one layer their altitude is left 0."""
-        c, s = np.cos(self.origin[2]), np.sin(self.origin[2])
-        x, y = self.resolution * places[0], self.resolution * places[1]
-        out = np.zeros((dimension, places.shape[1]))
-        out[0], out[1] = self.origin[0] + c * x - s * y, self.origin[1] + s * x + c * y
-        if dimension == 3 and len(self.cells) > 1:
-            out[2] = self.low + places[2] * self.layer_height
-        return out
-
-    def _altitudes_right(self, points: FloatArray) -> BoolArray:
-        if points.shape[0] < 3:
-            return np.ones(points.shape[1], dtype=np.bool_)
-        right: BoolArray = (points[2] >= self.low) & (points[2] <= self.high) & np.isfinite(points[2])
-        return right
-
-    def _state(self, points: FloatArray) -> FlagArray:
-        """OPEN, MARGIN or SOLID (n,) at points (d, n); SOLID beyond the grid or where not finite."""
-        places = self._places(points)
-        cells = self.cells
-        if len(cells) > 1 and not self._layered(points):
-            cells = cells.max(axis=0, keepdims=True)
-        layers, rows, columns = cells.shape
-        with np.errstate(invalid="ignore"):
-            inside = (places[0] >= 0) & (places[0] < columns) & (places[1] >= 0) & (places[1] < rows)
-            inside &= (places[2] >= 0) & (places[2] < layers) & self._altitudes_right(points)
-        out = np.full(points.shape[1], SOLID, dtype=np.uint8)
-        i, j, k = np.floor(places[:, inside]).astype(np.int64)
-        out[inside] = cells[k, j, i]
-        return out
+    def solid(self, points: FloatArray) -> BoolArray:
+        """(n,) whether points (d, n) lie in something, or beyond a fence, so that no way begins there."""
+        return np.asarray(self.states(points) == SOLID)
 
     def way_out(self, start: FloatArray) -> FloatArray | None:
         """The start (d,) if it is clear, from MARGIN the nearest clear place within reach, else None."""
-        state = self._state(start[:, None])[0]
+        state = self.states(start[:, None])[0]
         if state == MARGIN:
-            return self._nearest(start, self._grid_for(start[:, None]), MARGIN)
+            return self._nearest(start, False, MARGIN)
         return start if state <= TIGHT else None
 
-    def _nearest(self, start: FloatArray, clearance: FlagArray, worst: int) -> FloatArray | None:
-        """The nearest free cell's middle in `clearance`, straight to which nothing is above `worst`."""
-        layers, rows, columns = clearance.shape
-        u, v, w = self._places(start[:, None])[:, 0]
-        n, m = int(self.reach / self.resolution) + 1, int(self.reach / self.layer_height) + 1
-        j, i = np.arange(int(v) - n, int(v) + n + 1), np.arange(int(u) - n, int(u) + n + 1)
-        k = np.arange(int(w) - m, int(w) + m + 1) if layers > 1 else np.zeros(1, dtype=np.int64)
-        i, j, k = i[(i >= 0) & (i < columns)], j[(j >= 0) & (j < rows)], k[(k >= 0) & (k < layers)]
-        near = np.stack([axis.ravel() for axis in np.meshgrid(i, j, k, indexing="ij")])
-        near = near[:, clearance[near[2], near[1], near[0]] > 0]
-        points = self._points(near + 0.5, start.size)
-        if start.size == 3 and layers == 1:
-            points[2] = start[2]
-        gaps = np.linalg.norm(points - start[:, None], axis=0)
-        for best in np.argsort(gaps, kind="stable")[:20]:
-            if gaps[best] > self.reach:
-                break
-            share = np.linspace(0.0, 1.0, max(2, int(4 * gaps[best] / self.resolution) + 2))
-            between = start[:, None] + (points[:, best] - start)[:, None] * share
-            if (self._state(between) <= worst).all():
-                return np.array(points[:, best])
-        return None
+    # Grids
+
+    def _cells_for(self, dimension: int) -> FlagArray:
+        return self.cells if dimension == 3 else self._flat_cells
+
+    def _grid(self, dimension: int, roomy: bool = False) -> FreeGrid:
+        """The cells that points of this dimension may be in; with `roomy` those with room."""
+        return self._made(roomy, WHOLE if dimension == 3 or len(self.cells) == 1 else FLAT)
+
+    def _made(self, roomy: bool, layer: int) -> FreeGrid:
+        grid = self._grids.get((roomy, layer))
+        if grid is None:
+            cells = self.cells[layer : layer + 1] if layer >= 0 else self.cells
+            cells = self._flat_cells if layer == FLAT else cells
+            grid = FreeGrid.of(cells > (OPEN if roomy else TIGHT), self.frame.sides)
+            self._grids[roomy, layer] = grid
+        return grid
+
+    def _nearest(self, start: FloatArray, roomy: bool, worst: int) -> FloatArray | None:
+        """The nearest free cell's middle, straight to which nothing is above `worst`; None out of reach."""
+        grid = self._grid(start.size, roomy)
+        place = self.frame.places(start[:, None])[:, 0]
+        cells = self._cells_for(start.size)
+        found = nearest_free(grid.clearance, cells, place, grid.sides, self.reach, worst)
+        if not np.isfinite(found).all():
+            return None
+        point = self.frame.points(found[:, None], start.size)[:, 0]
+        if start.size == 3 and len(self.cells) == 1:
+            point[2] = start[2]
+        return point
 
     # Ways
 
-    def _paths(self, start: FloatArray, goals: FloatArray, *, sweep: bool) -> list[FloatArray | None]:
+    def _paths(
+        self, start: FloatArray, goals: FloatArray, over: Over, *, sweep: bool
+    ) -> list[FloatArray | None]:
+        ways: list[FloatArray | None] = [None] * goals.shape[1]
         entered = self.way_out(start)
         if entered is None:
-            return [None] * goals.shape[1]
-        clear = self.clear(goals)
-        first = [] if entered is start else [start]
-        ways: list[FloatArray | None] = []
-        for goal, good in zip(np.ascontiguousarray(goals.T), clear, strict=True):
-            way = self._roomy_path(entered, goal, sweep) if good else None
-            if way is None and good:
-                way = self._any_path(self.clearance, entered, goal, sweep)
-            ways.append(way if way is None or not first else np.column_stack([*first, way]))
+            return ways
+        todo: IntArray = np.flatnonzero(self.clear(goals))
+        if self._tight:
+            for n, way in zip(todo, self._roomy(entered, goals[:, todo], over, sweep), strict=True):
+                ways[n] = way
+            todo = np.array([n for n in todo if ways[n] is None], dtype=np.int64)
+        for n, way in zip(todo, self._through(False, entered, goals[:, todo], over, sweep), strict=True):
+            ways[n] = way
+        if entered is start:
+            return ways
+        return [None if way is None else np.column_stack([start, way]) for way in ways]
+
+    def _roomy(
+        self, start: FloatArray, goals: FloatArray, over: Over, sweep: bool
+    ) -> list[FloatArray | None]:
+        """Ways that keep out of TIGHT but at their ends, or that are straight."""
+        ways: list[FloatArray | None] = [None] * goals.shape[1]
+        straight = self.segments_clear(np.repeat(start[:, None], goals.shape[1], axis=1), goals)
+        for n in np.flatnonzero(straight):
+            ways[n] = np.stack([start, goals[:, n]], axis=1)
+        near = start
+        if self.states(start[:, None])[0] == TIGHT:
+            left = self._nearest(start, True, TIGHT)
+            if left is None:
+                return ways
+            near = left
+        ends, names = [], []
+        tight = self.states(goals) == TIGHT
+        for n in np.flatnonzero(~straight):
+            goal = np.ascontiguousarray(goals[:, n])
+            end = self._nearest(goal, True, TIGHT) if tight[n] else goal
+            if end is not None:
+                ends.append(end)
+                names.append(n)
+        if not ends:
+            return ways
+        found = self._through(True, near, np.stack(ends, axis=1), over, sweep)
+        for n, way in zip(names, found, strict=True):
+            if way is not None:
+                before = [] if near is start else [start]
+                after = [goals[:, n]] if tight[n] else []
+                ways[n] = np.column_stack([*before, way, *after]) if before or after else way
         return ways
 
-    def _roomy_path(self, start: FloatArray, goal: FloatArray, sweep: bool) -> FloatArray | None:
-        """A way that keeps out of TIGHT but at its ends."""
-        if self.roomy is self.clearance:
-            return None
-        if self.segments_clear(start[:, None], goal[:, None])[0]:
-            return np.stack([start, goal], axis=1)
-        ends = []
-        for end in (start, goal):
-            tight = self._state(end[:, None])[0] == TIGHT
-            near = self._nearest(end, self._flat(self.roomy, end.size), TIGHT) if tight else end
-            if near is None:
-                return None
-            ends.append(near)
-        way = self._any_path(self.roomy, ends[0], ends[1], sweep)
-        if way is None:
-            return None
-        before = [] if ends[0] is start else [start]
-        after = [] if ends[1] is goal else [goal]
-        return np.column_stack([*before, way, *after])
+    def _through(
+        self, roomy: bool, start: FloatArray, goals: FloatArray, over: Over, sweep: bool
+    ) -> list[FloatArray | None]:
+        """Ways from a free place to others: first in the layer that they share, then in all of them."""
+        whole = self._grid(start.size, roomy)
+        ways: list[FloatArray | None] = [None] * goals.shape[1]
+        if len(whole.clearance) > 1 and not self.climb:
+            level = np.flatnonzero(np.abs(goals[2] - start[2]) < 1e-6)
+            if level.size:
+                layer = int(self.frame.places(start[:, None])[2, 0])
+                found = self._ways(self._made(roomy, layer), start, goals[:, level], over, sweep)
+                for n, way in zip(level.tolist(), found, strict=True):
+                    ways[n] = way
+        rest = [n for n, way in enumerate(ways) if way is None]
+        for n, way in zip(rest, self._ways(whole, start, goals[:, rest], over, sweep), strict=True):
+            ways[n] = way
+        return ways
 
-    def _any_path(
-        self, grid: FlagArray, start: FloatArray, goal: FloatArray, sweep: bool
-    ) -> FloatArray | None:
-        """A way where `grid` is free: first in the layer that start and goal share, then in all of them."""
-        whole = self._flat(grid, start.size)
-        if len(whole) > 1 and not self.climb and abs(float(start[2] - goal[2])) < 1e-6:
-            layer = int(self._places(start[:, None])[2, 0])
-            flat = chebyshev3((grid[layer : layer + 1] == 0).astype(np.uint8))
-            way = self._way(flat, layer, start, goal, sweep)
-            if way is not None:
-                return way
-        return self._way(whole, -1, start, goal, sweep)
-
-    def _field(self, clearance: FlagArray, layer: int, source: FloatArray) -> DistanceField:
-        """The distances from a source on a grid: on one layer of it, or with `layer` -1 on all."""
-        place = self._place(source, clearance)
-        key = place.tobytes() + f"{layer} {clearance.shape} {int(np.count_nonzero(clearance))}".encode()
-        found = self._fields.get(key)
-        if found is None:
-            lengths, corners = np.empty(clearance.size), np.empty(clearance.size, dtype=np.int32)
-            search(clearance, self._sides(), place, place, False, lengths, corners)
-            found = DistanceField(place, lengths, corners)
-            self._fields[key] = found
-            while len(self._fields) > FIELDS:
-                self._fields.popitem(last=False)
-        return found
-
-    def _place(self, point: FloatArray, clearance: FlagArray) -> FloatArray:
-        """Cell coordinates (3,) of a point on a grid that may be one layer of the whole."""
-        place = self._places(point[:, None])[:, 0]
-        if len(clearance) == 1:
-            place[2] = 0.5
-        return np.ascontiguousarray(place)
-
-    def _way(
-        self, clearance: FlagArray, layer: int, start: FloatArray, goal: FloatArray, sweep: bool
-    ) -> FloatArray | None:
-        """The corners (d, k) from one clear point to another; with `sweep` by a field that is kept."""
-        a, b = self._place(start, clearance), self._place(goal, clearance)
-        straight = np.empty(1, dtype=np.bool_)
-        open_ways(clearance, a[:, None], b[:, None], straight)
-        if straight[0]:
-            return np.stack([start, goal], axis=1)
-        if sweep:
-            corners = self._field(clearance, layer, start).corners
-            _, rows, columns = clearance.shape
-            cell = (int(b[2]) * rows + int(b[1])) * columns + int(b[0])
-            cell = cell if corners[cell] != UNREACHED else -1
+    def _ways(
+        self, grid: FreeGrid, start: FloatArray, goals: FloatArray, over: Over, sweep: bool
+    ) -> list[FloatArray | None]:
+        """The corners (d, k) of ways on one grid, from one free place to others."""
+        ways: list[FloatArray | None] = [None] * goals.shape[1]
+        places = self.frame.places(np.column_stack([start, goals]))
+        if len(grid.clearance) == 1:
+            places[2] = 0.5
+        source, places = np.ascontiguousarray(places[:, 0]), np.ascontiguousarray(places[:, 1:])
+        straight = grid.straight(np.repeat(source[:, None], len(ways), axis=1), places)
+        for n in np.flatnonzero(straight):
+            ways[n] = np.stack([start, goals[:, n]], axis=1)
+        todo = np.flatnonzero(~straight)
+        rest = np.ascontiguousarray(places[:, todo])
+        if sweep and todo.size:
+            found: list[FloatArray | None] = [*grid.ways(source, rest, over)]
         else:
-            lengths, corners = np.empty(clearance.size), np.empty(clearance.size, dtype=np.int32)
-            cell = search(clearance, self._sides(), a, b, True, lengths, corners)
-        if cell < 0:
-            return None
-        way = np.hstack([way_back(corners, cell, a, clearance.shape, clearance.size + 1), b[:, None]])
-        way = tightened(clearance, way)
-        out = self._points(way, start.size)
-        if start.size == 3 and len(clearance) == 1:
+            found = [grid.way(source, np.ascontiguousarray(place), over) for place in rest.T]
+        for n, way in zip(todo, found, strict=True):
+            if way is not None and way.shape[1]:
+                ways[n] = self._in_metres(way, start, goals[:, n], flat=len(grid.clearance) == 1)
+        return ways
+
+    def _in_metres(self, way: FloatArray, start: FloatArray, goal: FloatArray, flat: bool) -> FloatArray:
+        """A way (3, k) in cell coordinates as points (d, k), exactly from start to goal."""
+        out = self.frame.points(way, start.size)
+        if start.size == 3 and flat:
             steps = np.linalg.norm(np.diff(out[:2]), axis=0)
             share = np.concatenate([[0.0], np.cumsum(steps)]) / max(float(steps.sum()), 1e-12)
             out[2] = start[2] + share * (goal[2] - start[2])

@@ -11,7 +11,7 @@ import numpy as np
 
 from estimator.arrays import BoolArray, FloatArray, IntArray
 from planner.ground.grid_ground import GridGround
-from planner.plan import Ground, Predictions, Trajectory, VehicleModel
+from planner.plan import Ground, Over, Predictions, Trajectory, VehicleModel, never
 from planner.vehicles.prediction import measure_times
 from planner.vehicles.route import routed
 
@@ -32,7 +32,12 @@ class Around:
 
 
 def around(
-    ground: Ground, vehicle: VehicleModel, state: FloatArray, direct: Predictions, period: float
+    ground: Ground,
+    vehicle: VehicleModel,
+    state: FloatArray,
+    direct: Predictions,
+    period: float,
+    over: Over = never,
 ) -> Around:
     """Replace predicted straight ways that are not clear by estimates along the shortest ways.
 
@@ -41,6 +46,7 @@ def around(
 
     Args:
         direct: the vehicle's predictions, with samples every `period` seconds.
+        over: whether time is up; ways that were not found by then are not open.
     """
     start = vehicle.pose(state)[:3]
     ends = np.array([vehicle.pose(end)[:3] for end in direct.end_states]).reshape(-1, 3)
@@ -48,7 +54,8 @@ def around(
     straight = ways_clear(ground, direct.offsets, direct.measure_poses, ends)
     straight &= here
     detours = np.flatnonzero(~straight & ground.clear(np.ascontiguousarray(direct.waypoints.T)))
-    found = dict(zip(detours.tolist(), paths(ground, start, direct.waypoints[detours]), strict=True))
+    goals = np.ascontiguousarray(direct.waypoints[detours].T)
+    found = dict(zip(detours.tolist(), ground.paths(start, goals, over), strict=True))
     gaps = np.linalg.norm(direct.waypoints - start, axis=1)
     moving = (gaps > 0) & (direct.steps > 0)
     if not moving.any() or not any(route is not None for route in found.values()):
@@ -96,6 +103,7 @@ def followed(
     route: FloatArray,
     start_time: float,
     measure_period: float,
+    over: Over = never,
 ) -> Trajectory | None:
     """The vehicle's trajectory along a route (r, 3), clear all along; None if it swings out too far.
 
@@ -107,6 +115,8 @@ def followed(
     )
     speed = 0.0
     for seconds in (*CORNERS_S, 0.0):
+        if over():
+            break
         if seconds and speed == 0.0:
             way = vehicle.predict(state, route[-1:], measure_period)
             straight = float(np.linalg.norm(route[-1] - vehicle.pose(state)[:3]))
@@ -129,18 +139,22 @@ def trajectory_to(
     place: FloatArray,
     start_time: float,
     measure_period: float,
+    over: Over = never,
 ) -> Trajectory | None:
-    """The vehicle's way from a state to a place (3,): straight, or around; None where there is none."""
+    """The vehicle's way from a state to a place (3,): straight, or around; None where there is none.
+
+    None, too, where time was `over` before one was found.
+    """
     here = vehicle.pose(state)[:3]
     if ground.segments_clear(here[:, None], place[:, None])[0]:
         made = vehicle.trajectory(state, place, start_time, measure_period)
         if trajectory_clear(ground, made):
             return made
-    way = ground.path(np.ascontiguousarray(here), np.ascontiguousarray(place))
+    way = ground.path(np.ascontiguousarray(here), np.ascontiguousarray(place), over)
     if way is None or way.shape[1] < 2:
         return None
     route = np.ascontiguousarray(way[:, 1:].T)
-    return followed(ground, vehicle, state, route, start_time, measure_period)
+    return followed(ground, vehicle, state, route, start_time, measure_period, over)
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,18 +171,25 @@ class Lifted:
         d = self.dimension
         return self.ground.segments_clear(np.ascontiguousarray(starts[:d]), np.ascontiguousarray(ends[:d]))
 
-    def path(self, start: FloatArray, goal: FloatArray) -> FloatArray | None:
+    def path(self, start: FloatArray, goal: FloatArray, over: Over = never) -> FloatArray | None:
+        way = self.ground.path(np.array(start[: self.dimension]), np.array(goal[: self.dimension]), over)
+        return self._lifted(way, start, goal)
+
+    def paths(self, start: FloatArray, goals: FloatArray, over: Over = never) -> list[FloatArray | None]:
         d = self.dimension
-        way = self.ground.path(np.array(start[:d]), np.array(goal[:d]))
+        ways = self.ground.paths(np.array(start[:d]), np.ascontiguousarray(goals[:d]), over)
+        return [self._lifted(way, start, goal) for way, goal in zip(ways, goals.T, strict=True)]
+
+    def distances(self, goal: FloatArray, points: FloatArray, over: Over = never) -> FloatArray:
+        d = self.dimension
+        return self.ground.distances(np.array(goal[:d]), np.ascontiguousarray(points[:d]), over)
+
+    def _lifted(self, way: FloatArray | None, start: FloatArray, goal: FloatArray) -> FloatArray | None:
         if way is None:
             return None
         lifted = np.repeat(goal[:, None], way.shape[1], axis=1)
-        lifted[:d], lifted[:, 0] = way, start
+        lifted[: self.dimension], lifted[:, 0] = way, start
         return lifted
-
-    def distances(self, goal: FloatArray, points: FloatArray) -> FloatArray:
-        d = self.dimension
-        return self.ground.distances(np.array(goal[:d]), np.ascontiguousarray(points[:d]))
 
 
 def lifted(ground: Ground, dimension: int) -> Ground:
@@ -225,13 +246,6 @@ def trajectory_clear(ground: Ground, trajectory: Trajectory) -> bool:
             return False
     rest = poses[first:]
     return bool(ways_clear(ground, np.array([0, len(rest) - 1]), rest[:-1], rest[-1:, :3])[0])
-
-
-def paths(ground: Ground, start: FloatArray, goals: FloatArray) -> list[FloatArray | None]:
-    """`Ground.path` from one start (3,) to goals (w, 3); a GridGround finds them all at once."""
-    if isinstance(ground, GridGround):
-        return ground.paths(start, np.ascontiguousarray(goals.T))
-    return [ground.path(start, goal) for goal in goals]
 
 
 def stuck(ground: Ground, place: FloatArray) -> str:

@@ -2,7 +2,8 @@
 
 As a sensor's ray (estimator/maps/sight.py; Amanatides & Woo 1987), a way leaps over the cube of cells around
 it that is known to be free. Unlike a ray it may not slip between two blocked cells that share only a corner
-or an edge: where a way meets a corner, all cells around it count.
+or an edge: where a way meets a corner, all cells around it count. On one layer it is followed column by
+column (or row by row, whichever is more), which is several times as fast.
 """
 
 import numpy as np
@@ -68,6 +69,8 @@ def _touched(place: float, cell: int, step: int, slope: float) -> tuple[int, int
 @exact_kernel
 def open_way(clearance: FlagArray, u0: float, v0: float, w0: float, u1: float, v1: float, w1: float) -> bool:
     """Whether the straight way between two places in cell coordinates (column, row, layer) is open."""
+    if clearance.shape[0] == 1:
+        return _open_flat(clearance, u0, v0, u1, v1)
     layers, rows, columns = clearance.shape
     i, j, k = int(np.floor(u0)), int(np.floor(v0)), int(np.floor(w0))
     gi, gj, gk = int(np.floor(u1)), int(np.floor(v1)), int(np.floor(w1))
@@ -109,6 +112,40 @@ def open_way(clearance: FlagArray, u0: float, v0: float, w0: float, u1: float, v
         i, j, k = i2 + su, j2 + sv, k2 + sw
         if _blocked(clearance, i, j, k):
             return False
+
+
+@exact_kernel
+def _open_flat(clearance: FlagArray, u0: float, v0: float, u1: float, v1: float) -> bool:
+    """`open_way` on one layer. Along the longer axis, strip by strip of cells; the way rises by one at most.
+
+    If the cells that it touches in a strip are `least` moves from the next blocked one or more, so many
+    strips are free.
+    """
+    _, rows, columns = clearance.shape
+    if not (0.0 <= u0 < columns and 0.0 <= v0 < rows and 0.0 <= u1 < columns and 0.0 <= v1 < rows):
+        return False
+    wide = abs(u1 - u0) >= abs(v1 - v0)
+    if not wide:
+        u0, v0, u1, v1 = v0, u0, v1, u1
+    if u0 > u1:
+        u0, v0, u1, v1 = u1, v1, u0, v0
+    slope = (v1 - v0) / (u1 - u0) if u1 > u0 else 0.0
+    strips, across = (columns, rows) if wide else (rows, columns)
+    strip = max(int(np.floor(u0 - EDGE)), 0)
+    last = min(int(np.floor(u1 + EDGE)), strips - 1)
+    while strip <= last:
+        a = v0 + (max(float(strip), u0) - u0) * slope
+        b = v0 + (min(strip + 1.0, u1) - u0) * slope
+        least = 255
+        for j in range(
+            max(int(np.floor(min(a, b) - EDGE)), 0), min(int(np.floor(max(a, b) + EDGE)), across - 1) + 1
+        ):
+            free = int(clearance[0, j, strip] if wide else clearance[0, strip, j])
+            if free == 0:
+                return False
+            least = min(least, free)
+        strip += least
+    return True
 
 
 @exact_kernel

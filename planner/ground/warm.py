@@ -20,3 +20,4 @@ def run() -> None:
         ground.paths(start, goal[:, None])
         ground.distances(goal, start[:, None])
         ground.path(start[:2].copy(), goal[:2].copy())
+        ground.path(np.array([3.7, 5.0, 1.0]), goal)

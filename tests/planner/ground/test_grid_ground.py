@@ -10,7 +10,8 @@ from scipy.sparse.csgraph import dijkstra
 
 from estimator.filter import Area
 from planner.ground.build import GroundPlan, built
-from planner.ground.grid_ground import MARGIN, OPEN, SOLID, TIGHT, GridGround
+from planner.ground.frame import MARGIN, OPEN, SOLID, TIGHT
+from planner.ground.grid_ground import GridGround
 from planner.ground.shapes import Shape
 from planner.ground.walk import chebyshev3, squared_distances
 
@@ -294,6 +295,6 @@ def test_too_fine_a_grid_is_refused() -> None:
 
 def test_margins_are_between_solid_and_clear() -> None:
     plan = GroundPlan(obstacles=(Shape.disc(10.0, 5.0, 2.0),), radius=0.5, room=0.5, resolution=0.1)
-    row = built(plan, AREA, START)._state(np.stack([np.linspace(10, 20, 1001), np.full(1001, 5.0)]))
+    row = built(plan, AREA, START).states(np.stack([np.linspace(10, 20, 1001), np.full(1001, 5.0)]))
     changes = row[np.flatnonzero(np.diff(row.astype(int))) + 1]
     assert changes.tolist()[:3] == [MARGIN, TIGHT, OPEN]

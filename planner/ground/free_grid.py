@@ -1,0 +1,173 @@
+"""Ways between the free cells of one grid, and the waves of distances from places that were asked about."""
+
+from collections import OrderedDict
+from itertools import pairwise
+
+import numpy as np
+
+from estimator.arrays import BoolArray, FlagArray, FloatArray, IntArray, ShortArray
+from planner.ground.any_angle import (
+    ARRIVED,
+    BUCKETS,
+    CURRENT,
+    NEIGHBOURS,
+    UNREACHED,
+    WAITING,
+    allowed_steps,
+    lengths_at,
+    moves_of,
+    spread,
+    ways_back,
+)
+from planner.ground.walk import chebyshev3, open_ways
+from planner.plan import Over
+
+WAVES = 8  # that are remembered
+CELLS_AT_ONCE = 2000  # about a fifth of a millisecond: between questions for the time
+
+
+class Wave:
+    """The shortest ways from one place to everywhere near, as far as they have been asked for."""
+
+    def __init__(self, grid: "FreeGrid", source: FloatArray, goal: FloatArray | None = None) -> None:
+        n = grid.clearance.size
+        self.grid = grid
+        self.source = source  # (3,) cell coordinates
+        self.goal = goal  # (3,) to which the wave is directed, or None
+        self.lengths = np.full(n, np.inf)  # (cells,) metres
+        self.corners = np.full(n, UNREACHED, np.int32)  # (cells,) the corner before each cell
+        self.closed = np.zeros(n, np.bool_)  # (cells,) whether these are final
+        self._after, self._before = np.empty(n, np.int32), np.empty(n, np.int32)
+        self._heads, self._marks = np.full(BUCKETS, -1, np.int32), np.zeros(3, np.int64)
+        self._begun = False
+
+    def __repr__(self) -> str:
+        return f"Wave(from {self.source}, {np.count_nonzero(self.closed)} of {self.closed.size} cells)"
+
+    @property
+    def ended(self) -> bool:
+        """Whether it is everywhere that it can be, or at its goal."""
+        return self._begun and bool(self._marks[WAITING] == 0 or self._marks[ARRIVED])
+
+    def grow(self, until: float = np.inf, most: int = CELLS_AT_ONCE) -> bool:
+        """Go on to cells `until` metres away, by at most so many; whether it is that far, or ended."""
+        grid, goal = self.grid, self.goal
+        spread(
+            grid.clearance,
+            grid.sides,
+            grid.moves,
+            grid.steps,
+            self.source,
+            self.source if goal is None else goal,
+            goal is not None,
+            until,
+            most,
+            self.lengths,
+            self.corners,
+            self.closed,
+            self._after,
+            self._before,
+            self._heads,
+            self._marks,
+        )
+        self._begun = True
+        return self.ended or bool(self._marks[CURRENT] * grid.bucket > until)
+
+    def reach(self, cells: IntArray, over: Over) -> None:
+        """Go on until all of `cells` are closed and their neighbours too, or cannot be, or time is over."""
+        while not self.ended and not self.closed[cells].all():
+            if over():
+                return
+            self.grow()
+        known = self.lengths[cells[self.closed[cells]]]
+        if known.size:
+            farthest = float(known.max()) + (NEIGHBOURS + 1.0) * float(self.grid.sides[0])
+            while not over() and not self.grow(farthest):
+                pass
+
+
+class FreeGrid:
+    """Cells that may be entered or not, and the ways between them. All places are in cell coordinates.
+
+    Args:
+        clearance: (layers, rows, columns) king's moves to the nearest cell that is not free, 0 on one.
+        sides: (2,) metres of a cell along rows and columns, and of a layer.
+    """
+
+    def __init__(self, clearance: FlagArray, sides: FloatArray) -> None:
+        self.clearance = clearance
+        self.sides = sides
+        self.bucket = 0.5 * float(sides[0] if len(clearance) == 1 else sides.min())
+        self.moves = moves_of(len(clearance))
+        self._steps: ShortArray | None = None
+        self._waves: OrderedDict[bytes, Wave] = OrderedDict()
+
+    def __repr__(self) -> str:
+        layers, rows, columns = self.clearance.shape
+        return f"FreeGrid({columns} x {rows} x {layers} cells)"
+
+    @staticmethod
+    def of(blocked: BoolArray, sides: FloatArray) -> "FreeGrid":
+        """The grid of the cells (l, r, c) that are not blocked."""
+        return FreeGrid(chebyshev3(blocked.astype(np.uint8)), sides)
+
+    @property
+    def steps(self) -> ShortArray:
+        """(cells,) bits of `moves` that are allowed; made when first asked for."""
+        if self._steps is None:
+            self._steps = np.empty(self.clearance.size, np.int32)
+            allowed_steps(self.clearance, self.moves, self._steps)
+        return self._steps
+
+    def straight(self, starts: FloatArray, ends: FloatArray) -> BoolArray:
+        """(n,) whether the straight ways from starts (3, n) to ends (3, n) are open."""
+        out = np.empty(starts.shape[1], dtype=np.bool_)
+        open_ways(self.clearance, starts, ends, out)
+        return out
+
+    def way(self, source: FloatArray, goal: FloatArray, over: Over) -> FloatArray | None:
+        """The corners (3, k) of a shortest way from a free place (3,) to another; None: no way or time."""
+        wave = Wave(self, source, goal)
+        while not wave.ended:
+            if over():
+                return None
+            wave.grow()
+        found = self._back(wave, goal[:, None])[0]
+        return found if found.shape[1] else None
+
+    def ways(self, source: FloatArray, goals: FloatArray, over: Over) -> list[FloatArray]:
+        """The corners (3, k) of the ways from a free place (3,) to others (3, n); k = 0: no way or time."""
+        return self._back(self._wave(source, goals, over), goals)
+
+    def lengths(self, source: FloatArray, places: FloatArray, good: BoolArray, over: Over) -> FloatArray:
+        """(n,) metres from a free place (3,) to those of places (3, n) that are good, that is free.
+
+        Infinite to others, where there is no way, and where time was over first: near places are known first.
+        """
+        wave = self._wave(source, np.ascontiguousarray(places[:, good]), over)
+        out = np.empty(places.shape[1])
+        lengths_at(
+            self.clearance, self.sides, source, wave.lengths, wave.corners, wave.closed, places, good, out
+        )
+        return out
+
+    def _wave(self, source: FloatArray, goals: FloatArray, over: Over) -> Wave:
+        """The wave from a source, grown until it is at all goals (3, n) to which there is a way, in time."""
+        key = source.tobytes()
+        wave = self._waves.pop(key, None) or Wave(self, source)  # taken out: nobody else goes on with it
+        wave.reach(self._cells(goals), over)
+        self._waves[key] = wave
+        while len(self._waves) > WAVES:
+            self._waves.popitem(last=False)
+        return wave
+
+    def _cells(self, places: FloatArray) -> IntArray:
+        _, rows, columns = self.clearance.shape
+        i, j, k = places.astype(np.int64)
+        return np.asarray((k * rows + j) * columns + i)
+
+    def _back(self, wave: Wave, goals: FloatArray) -> list[FloatArray]:
+        offsets = np.empty(goals.shape[1] + 1, np.int64)
+        found = ways_back(self.clearance, wave.source, goals, wave.corners, wave.closed, offsets)
+        ends = offsets.tolist()
+        return [found[:, a:b] for a, b in pairwise(ends)]
