@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: setup demo test bench lint clean
+.PHONY: setup demo kernels test bench lint clean
 
 $(VENV)/.installed: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
@@ -22,8 +22,12 @@ lint: $(VENV)/.installed
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
-test: setup lint
+kernels: $(VENV)/.installed
 	$(BIN)/searchparty warm
+
+# The type checker keeps one core busy and compiling leaves some free.
+test: setup
+	$(MAKE) --jobs=2 lint kernels
 	$(BIN)/pytest -n auto
 
 bench: setup

@@ -8,8 +8,8 @@ import hashlib
 import os
 import platform
 import time
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from importlib.metadata import version
 from multiprocessing import get_context
 from pathlib import Path
@@ -81,8 +81,8 @@ def _stamp(what: str) -> Path:
 def run(console: Console, find: Callable[[], Sequence[Warmup]] = warmups, workers: int | None = None) -> None:
     """Make each call once, with a progress bar on `console`; says nothing when all were compiled before.
 
-    The first call is made alone: what it compiles most others share. The rest is shared out to `workers`
-    processes, by default one per core.
+    Calls are shared out to `workers` processes, by default one per core. Those whose names differ only after
+    the comma ("K-means, 2D" and "K-means, 3D") compile the same for the most part, and so are made by one.
     """
     began = time.monotonic()
     columns = (
@@ -93,10 +93,12 @@ def run(console: Console, find: Callable[[], Sequence[Warmup]] = warmups, worker
         TextColumn("{task.description}"),
     )
     bar = Progress(*columns, console=console, transient=True)
-    todo = list(find())
-    task = bar.add_task("", total=len(todo))
+    families: dict[str, list[Callable[[], object]]] = {}
+    for name, call in find():
+        families.setdefault(name.split(",")[0], []).append(call)
+    task = bar.add_task("", total=len(families))
     try:
-        for name in _done(todo, workers or os.cpu_count() or 1):
+        for name in _done(families, workers or os.cpu_count() or 1):
             if time.monotonic() - began > QUIET_S:
                 bar.start()
             bar.update(task, description=name, advance=1)
@@ -108,18 +110,17 @@ def run(console: Console, find: Callable[[], Sequence[Warmup]] = warmups, worker
         console.print(f"kernels ready after {took:.0f} s")
 
 
-def _done(todo: Sequence[Warmup], workers: int) -> Iterable[str]:
-    """The names of the calls, each when it was made."""
-    for name, call in todo[:1]:
-        call()
-        yield name
-    rest = todo[1:]
-    if not rest:
-        return
+def _done(families: Mapping[str, Sequence[Callable[[], object]]], workers: int) -> Iterable[str]:
+    """The names of the families, each when its calls were made."""
     # Forked, so that the workers hold what is loaded already. All start at the first submit, before the
     # progress bar's thread does.
-    with ProcessPoolExecutor(min(workers, len(rest)), mp_context=get_context("fork")) as pool:
-        futures: dict[Future[object], str] = {pool.submit(call): name for name, call in rest}
+    with ProcessPoolExecutor(min(workers, len(families)), mp_context=get_context("fork")) as pool:
+        futures = {pool.submit(_make, calls): name for name, calls in families.items()}
         for future in as_completed(futures):
             future.result()
             yield futures[future]
+
+
+def _make(calls: Sequence[Callable[[], object]]) -> None:
+    for call in calls:
+        call()

@@ -24,16 +24,17 @@ _SHAPES = ("exponential", "box", "sector")
 
 def warmups() -> list[tuple[str, Callable[[], None]]]:
     """Named calls; after all of them no kernel of estimator/ needs a compiler."""
+    # The longest first, so that in the end no process works alone.
     calls: list[tuple[str, Callable[[], None]]] = []
-    for d in (2, 3):
-        calls += [(f"{shape} field of view, {d}D", partial(_look, d, shape)) for shape in _SHAPES]
-        calls += [(f"PHD filter, {d}D", partial(_search, d)), (f"K-means, {d}D", partial(_kmeans, d))]
+    calls += [(f"LMB filter, {d}D", partial(lmb.run, *_sensor(d, "exponential"))) for d in (2, 3)]
+    calls += [(f"PHD filter, {d}D", partial(_search, d)) for d in (2, 3)]
+    calls += [(f"mixtures filter, {d}D", partial(soft.run, *_sensor(d, "exponential"))) for d in (2, 3)]
+    calls += [(f"K-means, {d}D", partial(_kmeans, d)) for d in (2, 3)]
+    calls += [(f"{shape} field of view, {d}D", partial(_look, d, shape)) for shape in _SHAPES for d in (2, 3)]
+    calls += [(f"GM-PHD filter, {d}D", partial(gaussian.warm, *_sensor(d, "exponential"))) for d in (2, 3)]
     calls.append(("metrics and spacing", _metrics))
     calls += [(f"{kind}, {d}D", partial(sensors.run, kind, d)) for kind in sensors.KINDS for d in (2, 3)]
     calls += [(f"line of sight, {d}D", partial(maps.run, *_sensor(d, "exponential"))) for d in (2, 3)]
-    calls += [(f"LMB filter, {d}D", partial(lmb.run, *_sensor(d, "exponential"))) for d in (2, 3)]
-    calls += [(f"GM-PHD filter, {d}D", partial(gaussian.warm, *_sensor(d, "exponential"))) for d in (2, 3)]
-    calls += [(f"mixtures filter, {d}D", partial(soft.run, *_sensor(d, "exponential"))) for d in (2, 3)]
     return calls
 
 
