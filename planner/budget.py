@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator.arrays import FloatArray
 from planner.ground.routes import lifted, trajectory_to
-from planner.plan import Plan, PlannerSetup, PlanProblem, Trajectory
+from planner.plan import Over, Plan, PlannerSetup, PlanProblem, Trajectory, never
 from planner.separation import keeps_apart
 from planner.vehicles.route import routed
 
@@ -30,17 +30,22 @@ def metres(way: Trajectory) -> float:
 
 
 def way_to(
-    problem: PlanProblem, setup: PlannerSetup, state: FloatArray, time: float, place: FloatArray
+    problem: PlanProblem,
+    setup: PlannerSetup,
+    state: FloatArray,
+    time: float,
+    place: FloatArray,
+    over: Over = never,
 ) -> Trajectory | None:
     """The way from a state at team time `time` to a place (3,): straight, or around what stands between.
 
-    None where the ground has no way.
+    None where the ground has no way, or none was found before time was `over`.
     """
     vehicle, period = setup.vehicles[problem.robot], problem.measure_period
     if setup.ground is None:
         return vehicle.trajectory(state, place, time, period)
     ground = lifted(setup.ground, problem.area.dimension)
-    return trajectory_to(ground, vehicle, state, place, time, period)
+    return trajectory_to(ground, vehicle, state, place, time, period, over)
 
 
 def homeward(

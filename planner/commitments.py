@@ -4,6 +4,7 @@
 states, equal to its last; a robot that stands there goes on measuring.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,6 +47,26 @@ def position_at(commitment: Commitment, time: float) -> FloatArray:
     if commitment.times.size == 0:
         return np.full(3, np.inf)
     return np.array([np.interp(time, commitment.times, commitment.poses[:, axis]) for axis in range(3)])
+
+
+def heeded(others: Sequence[Commitment], robot: str) -> tuple[Commitment, ...]:
+    """Those that robot `robot` can plan around: usable, and not its own."""
+    some = [
+        other
+        for other in others
+        if other.robot != robot
+        and other.times.size == len(other.poses)
+        and other.measure_times.size == len(other.measure_poses)
+        and other.times.size + other.measure_times.size > 0
+    ]
+    numbers = [
+        array.ravel()
+        for other in some
+        for array in (other.times, other.poses, other.measure_times, other.measure_poses)
+    ]
+    if not numbers or np.isfinite(np.concatenate(numbers)).all():
+        return tuple(some)
+    return tuple(other for other in some if usable(other))
 
 
 def usable(commitment: Commitment) -> bool:

@@ -3,35 +3,95 @@
 Between samples both robots are taken to move straight.
 """
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
-from estimator.arrays import FloatArray, IntArray
+from estimator.arrays import BoolArray, FloatArray, IntArray
 from estimator.kernels import kernel
-from planner.commitments import position_at, usable
+from planner.commitments import heeded
 from planner.plan import Commitment, PlanProblem, Trajectory, VehicleModel
 
 SAME_PLACE = 1e-6  # m
 
 
-def keeps_apart(problem: PlanProblem, vehicle: VehicleModel, way: Trajectory) -> bool:
+@dataclass(frozen=True, slots=True)
+class Courses:
+    """The ways of k other robots, one after another."""
+
+    offsets: IntArray  # (k + 1,) other i has the samples offsets[i]:offsets[i + 1]
+    times: FloatArray  # (total,) team time
+    poses: FloatArray  # (total, 4)
+
+    @staticmethod
+    def of(others: Sequence[Commitment]) -> "Courses":
+        """Of usable commitments; those without samples say nothing of where a robot is."""
+        some = [other for other in others if other.times.size]
+        sizes = [0, *(other.times.size for other in some)]
+        return Courses(
+            np.cumsum(np.array(sizes, dtype=np.int64)),
+            np.concatenate([np.zeros(0), *(other.times for other in some)]),
+            np.vstack([np.zeros((0, 4)), *(other.poses for other in some)]),
+        )
+
+
+def keeps_apart(
+    problem: PlanProblem, vehicle: VehicleModel, way: Trajectory, courses: Courses | None = None
+) -> bool:
     """Whether a trajectory keeps the problem's separation from what the other robots have committed to.
 
     Robots that are too close already need only come no closer, or they would hold each other for ever.
+
+    Args:
+        problem, vehicle: of the robot.
+        way: begun at the problem's start.
+        courses: of the others, where somebody has them already.
     """
-    if problem.separation <= 0:
+    if problem.separation <= 0 or not problem.others:
         return True
-    offsets = np.array([0, way.times.size])
-    end_times, ends = np.array([way.end_time - problem.start_time]), way.poses[-1:, :3].copy()
-    here = vehicle.pose(problem.state)[:3]
-    for other in problem.others:
-        if other.robot == problem.robot or not usable(other):
-            continue
-        times = way.times - problem.start_time
-        kept = clearances(problem.start_time, offsets, times, way.poses, end_times, ends, other)[0]
-        now = float(np.linalg.norm(here - position_at(other, problem.start_time)))
-        if kept < min(problem.separation, now) - SAME_PLACE:
-            return False
-    return True
+    known = Courses.of(heeded(problem.others, problem.robot)) if courses is None else courses
+    _, enough = kept(
+        known,
+        problem.start_time,
+        problem.separation,
+        vehicle.pose(problem.state)[:3],
+        np.array([0, way.times.size]),
+        way.times - problem.start_time,
+        np.ascontiguousarray(way.poses),
+        np.array([way.end_time - problem.start_time]),
+        np.ascontiguousarray(way.poses[-1:, :3]),
+    )
+    return bool(enough[0])
+
+
+def kept(
+    courses: Courses,
+    start_time: float,
+    separation: float,
+    here: FloatArray,
+    offsets: IntArray,
+    times: FloatArray,
+    poses: FloatArray,
+    end_times: FloatArray,
+    ends: FloatArray,
+) -> tuple[FloatArray, BoolArray]:
+    """The smallest distances (w,) in metres of w ways to other robots, and whether all are enough.
+
+    Args:
+        courses: of the others.
+        start_time: team time at which all ways begin.
+        separation: metres; of robots that are nearer already at the start, only as much as they have.
+        here: (3,) where the ways begin.
+        offsets, times, poses, end_times, ends: of the ways, see `clearances`.
+    """
+    least, enough = np.full(offsets.size - 1, np.inf), np.ones(offsets.size - 1, dtype=np.bool_)
+    others = courses.times - start_time
+    _kept(
+        offsets, times, poses, end_times, ends, courses.offsets, others, courses.poses, separation, here,
+        least, enough,
+    )  # fmt: skip
+    return least, enough
 
 
 def clearances(
@@ -61,6 +121,46 @@ def clearances(
         offsets, times, poses, end_times, ends, other.times - start_time, np.array(other.poses), least
     )
     return least
+
+
+@kernel
+def _kept(
+    offsets: IntArray,
+    times: FloatArray,
+    poses: FloatArray,
+    end_times: FloatArray,
+    ends: FloatArray,
+    other_offsets: IntArray,
+    other_times: FloatArray,
+    other_poses: FloatArray,
+    separation: float,
+    here: FloatArray,
+    least: FloatArray,
+    enough: BoolArray,
+) -> None:
+    present = np.empty((1, 4))
+    present[0, :3] = here
+    present[0, 3] = 0.0
+    one, at, own = np.array([0, 0]), np.zeros(1), np.empty(least.size)
+    now = np.empty(1)
+    for k in range(other_offsets.size - 1):
+        first, last = other_offsets[k], other_offsets[k + 1]
+        _clearances(
+            one,
+            at[:0],
+            present[:0],
+            at,
+            present[:, :3],
+            other_times[first:last],
+            other_poses[first:last],
+            now,
+        )
+        _clearances(
+            offsets, times, poses, end_times, ends, other_times[first:last], other_poses[first:last], own
+        )
+        for i in range(own.size):
+            least[i] = min(least[i], own[i])
+            enough[i] = enough[i] and own[i] >= min(separation, now[0]) - SAME_PLACE
 
 
 @kernel

@@ -18,14 +18,14 @@ import msgspec
 import numpy as np
 
 from estimator.arrays import FloatArray, NonNegative, Positive
-from planner.baselines.choice import best_of
-from planner.commitments import usable
+from planner.baselines.choice import Pace, best_of
 from planner.deadline import Deadline
 from planner.maasi.coverage import cell_corners
-from planner.maasi.maasi import RESERVE_S, unplannable
+from planner.maasi.maasi import unplannable
 from planner.maasi.outlook import others_looks
 from planner.maasi.ways import ways
-from planner.plan import Plan, PlannerSetup, PlanProblem
+from planner.others import Others
+from planner.plan import Over, Plan, PlannerSetup, PlanProblem
 
 STEPS = 20  # of the area's longest side, where the mission names no step
 
@@ -49,6 +49,7 @@ class AsSteps:
         self.setup = setup
         side = float((setup.area.high - setup.area.low).max())
         self.step = config.step_m or side / STEPS
+        self._pace = Pace()
 
     def __repr__(self) -> str:
         return f"AsSteps({self.config!r})"
@@ -58,16 +59,19 @@ class AsSteps:
         awkward = unplannable(problem, self.setup)
         if awkward:
             return Plan(None, awkward)
-        deadline = self.deadline(problem.deadline_s - RESERVE_S)
+        deadline = self.deadline(problem.deadline_s)
         waypoints = self._neighbours(problem)
         np.random.default_rng(problem.seed).shuffle(waypoints)
+        others = Others(problem.others, problem)
         plan = best_of(
             problem,
             self.setup,
             deadline,
+            self._pace,
             waypoints,
-            lambda some: self._value(problem, some),
+            lambda some, over: self._value(problem, others, some, over),
             "no neighbour lies in the area",
+            others,
         )
         way = plan.trajectory
         if way is None:
@@ -88,16 +92,15 @@ class AsSteps:
         places = here + steps
         return np.asarray(places[((places[:, :d] >= low) & (places[:, :d] <= high)).all(axis=1)])
 
-    def _value(self, problem: PlanProblem, waypoints: FloatArray) -> FloatArray:
+    def _value(self, problem: PlanProblem, others: Others, waypoints: FloatArray, over: Over) -> FloatArray:
         """alpha T + beta E (w,) of one measurement at each waypoint (w, 3), (19), (32)."""
         vehicle, sensor = self.setup.vehicles[problem.robot], self.setup.sensors[problem.robot]
-        way = ways(problem, self.setup, waypoints, problem.measure_period)
+        way = ways(problem, self.setup, waypoints, problem.measure_period, over)
         poses = np.array([vehicle.pose(state) for state in way.end_states]).reshape(-1, 4)
         d = problem.exploration.values.ndim
         corners, shares = cell_corners(problem.exploration, poses[:, :d])
         arrivals = problem.start_time + way.steps * vehicle.control_period
-        others = tuple(o for o in problem.others if usable(o) and o.robot != problem.robot)
-        others_looks(problem, self.setup, others, np.repeat(arrivals, 1 << d), corners, shares)
+        others_looks(problem, self.setup, others, np.repeat(arrivals, 1 << d), corners, shares, over)
         clusters = problem.clusters[:, np.isfinite(problem.clusters).all(axis=0)]
         refinement = np.zeros(len(poses))
         if clusters.shape[1] and len(poses):

@@ -12,10 +12,10 @@ import msgspec
 import numpy as np
 
 from estimator.arrays import FloatArray, Positive
-from planner.baselines.choice import Option, taken
+from planner.baselines.choice import Option, Pace, taken
 from planner.baselines.mowing import Strip, reach_width, share
 from planner.deadline import Deadline
-from planner.maasi.maasi import RESERVE_S, unplannable
+from planner.maasi.maasi import unplannable
 from planner.plan import Plan, PlannerSetup, PlanProblem
 
 NEAR = 0.05  # of the swath: a turn that is nearer than this is done
@@ -49,6 +49,7 @@ class Lawnmower:
         self.setup = setup
         self._order = sorted(setup.vehicles)
         self._progress: dict[str, _Progress] = {}
+        self._pace = Pace()
 
     def __repr__(self) -> str:
         return f"Lawnmower({self.config!r})"
@@ -58,7 +59,7 @@ class Lawnmower:
         awkward = unplannable(problem, self.setup)
         if awkward:
             return Plan(None, awkward)
-        deadline = self.deadline(problem.deadline_s - RESERVE_S)
+        deadline = self.deadline(problem.deadline_s)
         vehicle = self.setup.vehicles[problem.robot]
         here = vehicle.pose(problem.state)[:3]
         if problem.robot not in self._progress:
@@ -79,7 +80,8 @@ class Lawnmower:
                 progress.sweep += 1
         else:
             return Plan(None, "holds: its share is no larger than a step")
-        plan = taken(problem, self.setup, self._options(progress, here), deadline, "its share is mown")
+        options = self._options(progress, here)
+        plan = taken(problem, self.setup, options, deadline, self._pace, "its share is mown")
         if plan.trajectory is not None and "turn" in plan.terms:
             progress.next = int(plan.terms["turn"])
         return plan

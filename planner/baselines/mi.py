@@ -21,9 +21,9 @@ import msgspec
 import numpy as np
 
 from estimator.arrays import FloatArray
-from planner.baselines.choice import Option, taken
+from planner.baselines.choice import Option, Pace, taken
 from planner.maasi.candidates import CandidateGrid
-from planner.maasi.maasi import DEFAULT_POINTS, RESERVE_S, Maasi, MaasiConfig, unplannable
+from planner.maasi.maasi import DEFAULT_POINTS, Maasi, MaasiConfig, unplannable
 from planner.maasi.outlook import Outlook, totals
 from planner.plan import Plan, PlannerSetup, PlanProblem
 
@@ -45,6 +45,7 @@ class Mi(Maasi):
         points = DEFAULT_POINTS[setup.area.dimension]
         grid = config.candidates or CandidateGrid.over(setup.area, points)
         super().__init__(MaasiConfig(alpha=1.0, beta=0.0, control_cost=0.0, candidates=grid), setup)
+        self._pace = Pace()
 
     def __repr__(self) -> str:
         return f"Mi({self.candidates!r})"
@@ -55,12 +56,12 @@ class Mi(Maasi):
             return Plan(None, awkward)
         if _believed(problem)[1].size:
             return super().plan(problem)
-        deadline = self.deadline(problem.deadline_s - RESERVE_S)
+        deadline = self.deadline(problem.deadline_s)
         altitude = float(self.setup.vehicles[problem.robot].pose(problem.state)[2])
         places = self.candidates.waypoints(altitude)
         np.random.default_rng(problem.seed).shuffle(places)
         options = (Option(place, "no cluster to look at: a candidate at random") for place in places)
-        return taken(problem, self.setup, options, deadline, "there is no candidate")
+        return taken(problem, self.setup, options, deadline, self._pace, "there is no candidate")
 
     def value(self, problem: PlanProblem, view: Outlook) -> FloatArray:
         """Mutual information (w,) in nat, summed over the way's looks, per control step."""

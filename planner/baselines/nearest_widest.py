@@ -15,11 +15,12 @@ import numpy as np
 
 from estimator.arrays import BoolArray, Count, FloatArray
 from planner.allocation.partition import equal_shares
-from planner.baselines.choice import Option, taken
-from planner.deadline import Deadline
-from planner.maasi.maasi import RESERVE_S, unplannable
+from planner.baselines.choice import Option, Pace, taken
+from planner.deadline import Deadline, Reserve
+from planner.maasi.maasi import LATE, unplannable
 from planner.plan import Plan, PlannerSetup, PlanProblem
 
+CUT_S = 1e-3  # that cutting the unexplored may take, before it was measured
 NOTHING = 1e-3  # a grid point that is less unexplored than this is explored
 
 
@@ -39,6 +40,7 @@ class NearestWidest:
         self.config = config
         self.setup = setup
         self._widest: dict[str, bool] = {}  # whose turn is the widest
+        self._pace, self._cutting = Pace(), Reserve(CUT_S)
 
     def __repr__(self) -> str:
         return f"NearestWidest({self.config!r})"
@@ -48,9 +50,12 @@ class NearestWidest:
         awkward = unplannable(problem, self.setup)
         if awkward:
             return Plan(None, awkward)
-        deadline = self.deadline(problem.deadline_s - RESERVE_S)
+        deadline = self.deadline(problem.deadline_s)
         widest = self._widest.get(problem.robot, False)
-        centres, widths, seen = self._clusters(problem)
+        if not self._cutting.fits(deadline):
+            return Plan(None, LATE)
+        with self._cutting.measured(deadline):
+            centres, widths, seen = self._clusters(problem)
         here = self.setup.vehicles[problem.robot].pose(problem.state)[:3]
         far = np.linalg.norm(centres - here, axis=1)
         order = np.argsort(-widths if widest else np.where(seen, far, far + far.sum() + 1.0), kind="stable")
@@ -64,7 +69,8 @@ class NearestWidest:
             )
             for i in order
         )
-        plan = taken(problem, self.setup, options, deadline, "there is no cluster and nothing is unexplored")
+        nothing = "there is no cluster and nothing is unexplored"
+        plan = taken(problem, self.setup, options, deadline, self._pace, nothing)
         if plan.trajectory is not None:
             self._widest[problem.robot] = not widest
         return plan

@@ -17,12 +17,12 @@ import numpy as np
 
 from estimator.arrays import Count, FloatArray
 from estimator.sensor import SensorModel
-from planner.baselines.choice import best_of
+from planner.baselines.choice import Pace, best_of
 from planner.deadline import Deadline
 from planner.maasi.candidates import CandidateGrid
-from planner.maasi.maasi import DEFAULT_POINTS, RESERVE_S, unplannable
+from planner.maasi.maasi import DEFAULT_POINTS, unplannable
 from planner.maasi.ways import ways
-from planner.plan import Plan, PlannerSetup, PlanProblem
+from planner.plan import Over, Plan, PlannerSetup, PlanProblem
 
 CERTAIN = 1e-12  # no look misses with less than this
 
@@ -46,6 +46,7 @@ class Thompson:
         self.setup = setup
         points = DEFAULT_POINTS[setup.area.dimension]
         self.candidates = config.candidates or CandidateGrid.over(setup.area, points)
+        self._pace = Pace()
 
     def __repr__(self) -> str:
         return f"Thompson({self.config!r})"
@@ -55,7 +56,7 @@ class Thompson:
         awkward = unplannable(problem, self.setup)
         if awkward:
             return Plan(None, awkward)
-        deadline = self.deadline(problem.deadline_s - RESERVE_S)
+        deadline = self.deadline(problem.deadline_s)
         targets = self.drawn(problem, np.random.default_rng(problem.seed))
         if not targets.shape[1]:
             return Plan(None, "holds: no target is believed to be left")
@@ -67,8 +68,9 @@ class Thompson:
             problem,
             self.setup,
             deadline,
+            self._pace,
             waypoints,
-            lambda some: self._value(problem, targets, some),
+            lambda some, over: self._value(problem, targets, some, over),
             "it is at its only candidate already",
         )
 
@@ -92,13 +94,15 @@ class Thompson:
         rows = rng.choice(weights.size, size=min(max(count, 1), most), p=weights / total)
         return np.ascontiguousarray(points[:, rows])
 
-    def _value(self, problem: PlanProblem, targets: FloatArray, waypoints: FloatArray) -> FloatArray:
+    def _value(
+        self, problem: PlanProblem, targets: FloatArray, waypoints: FloatArray, over: Over
+    ) -> FloatArray:
         """Expected number (w,) of drawn targets detected on the way to each waypoint (w, 3), per second.
 
         The look at the start, which all ways share, does not count; that on arrival does.
         """
         vehicle, sensor = self.setup.vehicles[problem.robot], self.setup.sensors[problem.robot]
-        way = ways(problem, self.setup, waypoints, problem.measure_period)
+        way = ways(problem, self.setup, waypoints, problem.measure_period, over)
         seconds = way.steps * vehicle.control_period
         detected = np.zeros(len(waypoints))
         if len(way.measure_poses):

@@ -15,17 +15,20 @@ import numpy as np
 
 from estimator.arrays import FloatArray, NonNegative
 from planner.budget import affordable, limited, returning, way_to
-from planner.deadline import Deadline
+from planner.deadline import Deadline, Reserve
 from planner.ground.routes import lifted, stuck
 from planner.maasi.anytime import batches
 from planner.maasi.candidates import CandidateGrid
 from planner.maasi.outlook import Outlook, outlook
-from planner.plan import Plan, PlannerSetup, PlanProblem
+from planner.others import Others
+from planner.plan import Over, Plan, PlannerSetup, PlanProblem, never
 from planner.separation import keeps_apart
 
-RESERVE_S = 1.5e-3  # kept from the deadline for what follows the choice
-AROUND_S = 0.02  # what one way around obstacles may take
+RESERVE_S = 1e-3  # that the chosen way and its checks may take, before they were measured
+CHECKS_S = 1e-3  # kept free while the way is looked for, for what is asked of it then
+ONE_S = 1e-3  # that a candidate may take, before it was measured
 LATE = "holds: its deadline was over before a candidate was looked at"
+LATE_WAY = "holds: its deadline was over before the way to a candidate was known"
 NO_BUDGET = "holds: its budget allows no candidate"
 DEFAULT_POINTS = {2: 4, 3: 3}  # candidates per axis where the mission names none
 
@@ -51,6 +54,7 @@ class Maasi:
         self.candidates = config.candidates or CandidateGrid.over(
             setup.area, DEFAULT_POINTS[setup.area.dimension]
         )
+        self._choice, self._one = Reserve(RESERVE_S), Reserve(ONE_S)
 
     def __repr__(self) -> str:
         return f"Maasi({self.config!r})"
@@ -63,36 +67,40 @@ class Maasi:
         awkward = unplannable(problem, self.setup)
         if awkward:
             return Plan(None, awkward)
-        deadline = self.deadline(problem.deadline_s - RESERVE_S)
+        deadline = self.deadline(problem.deadline_s)
+        choosing, searching = deadline.less(self._choice.seconds), deadline.less(CHECKS_S)
         vehicle = self.setup.vehicles[problem.robot]
         waypoints = self.candidates.waypoints(float(vehicle.pose(problem.state)[2]))
         objective = np.full(len(waypoints), -np.inf)
         seen: dict[int, tuple[Outlook, int]] = {}
-        reason = LATE
-        guess = 0.0 if self.setup.ground is None else AROUND_S
-        for batch in batches(len(waypoints), deadline, guess):
-            view = outlook(problem, self.setup, waypoints[batch], problem.others, over=deadline.over)
+        reason, others = LATE, Others(problem.others, problem)
+        for batch in batches(len(waypoints), choosing, self._one):
+            view = outlook(problem, self.setup, waypoints[batch], others, over=choosing.over)
             value = self.value(problem, view)
             objective[batch] = np.where(view.clear, value, -np.inf)
             seen.update((int(i), (view, row)) for row, i in enumerate(batch))
             possible = bool(np.isfinite(value).any())
             reason = crowded(problem.separation) if possible else nowhere(view, self.setup.ground is None)
         best_first = np.argsort(-objective, kind="stable")[: int(np.isfinite(objective).sum())]
-        for best in best_first:
-            view, row = seen[int(best)]
-            plan = chosen(
-                problem, self.setup, view, row, view.exploration[row], float(objective[best]), int(best)
-            )
-            if plan.trajectory is None:
-                reason = plan.reason
-            elif self.setup.ground is not None and not keeps_apart(problem, vehicle, plan.trajectory):
-                reason = crowded(problem.separation)  # ways around are estimates before they are chosen
-            elif affordable(problem, self.setup, plan.trajectory):
-                return plan
-            else:
-                reason = NO_BUDGET
-            if deadline.over():
+        for tried, best in enumerate(best_first):
+            if tried and not self._choice.fits(deadline):
                 break
+            view, row = seen[int(best)]
+            gained = float(objective[best])
+            with self._choice.measured(deadline):
+                plan = chosen(
+                    problem, self.setup, view, row, view.exploration[row], gained, int(best), searching.over
+                )
+                if plan.trajectory is None:
+                    reason = LATE_WAY if searching.over() else plan.reason
+                elif self.setup.ground is not None and not keeps_apart(
+                    problem, vehicle, plan.trajectory, others.courses
+                ):
+                    reason = crowded(problem.separation)  # ways around are estimates before they are chosen
+                elif affordable(problem, self.setup, plan.trajectory):
+                    return plan
+                else:
+                    reason = NO_BUDGET
         if not limited(problem):
             return Plan(None, reason)
         return returning(problem, self.setup, reason.removeprefix("holds: "))
@@ -152,10 +160,11 @@ def chosen(
     exploration: float,
     objective: float,
     name: int | None = None,
+    over: Over = never,
 ) -> Plan:
     """The plan that goes to candidate `best` of the view; people know it by the number `name`."""
     waypoint = view.predictions.waypoints[best]
-    trajectory = way_to(problem, setup, problem.state, problem.start_time, waypoint)
+    trajectory = way_to(problem, setup, problem.state, problem.start_time, waypoint, over)
     if trajectory is None:
         return Plan(None, "holds: there is no way to its candidate")
     terms = {

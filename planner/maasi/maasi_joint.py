@@ -20,11 +20,10 @@ import numpy as np
 
 from estimator.arrays import BoolArray, Count, FloatArray, IntArray
 from planner.budget import affordable, limited, way_to
-from planner.deadline import Deadline
+from planner.deadline import Deadline, Reserve
 from planner.maasi.coupling import NOT_YET, Coupling, couple
 from planner.maasi.maasi import (
     LATE,
-    RESERVE_S,
     Maasi,
     MaasiConfig,
     chosen,
@@ -36,6 +35,8 @@ from planner.maasi.outlook import Outlook, outlook
 from planner.plan import Commitment, Plan, PlannerSetup, PlanProblem
 
 PART = 512  # joint indices between two looks at the deadline
+FINISH_S = 1.5e-3  # that the chosen ways of each robot may take, before they were measured
+VIEW_S = 5e-3  # that an outlook on all candidates of a robot may take, before it was measured
 ROUNDS = 50  # of coordinate ascent at most; it ends by itself long before
 
 
@@ -55,6 +56,7 @@ class MaasiJoint:
         self.config = config
         self.setup = setup
         self.single = Maasi(config, setup)
+        self._finish, self._view = Reserve(FINISH_S), Reserve(VIEW_S)
 
     def __repr__(self) -> str:
         return f"MaasiJoint({self.config!r})"
@@ -72,7 +74,8 @@ class MaasiJoint:
         soonest = min((p.deadline_s for p in problems if not math.isnan(p.deadline_s)), default=math.inf)
         if soonest == math.inf:
             return self._jointly(problems, Deadline(math.inf)) or ()
-        deadline = self.deadline(soonest - RESERVE_S * len(problems))
+        deadline = self.deadline(soonest)
+        deadline = deadline.less(self._finish.seconds * len(problems))
         began = deadline.left()
         plans = self._in_turn(problems, deadline)
         each = began - deadline.left()
@@ -89,7 +92,7 @@ class MaasiJoint:
             others = _without(problem, planning)
             share = 0.5 * deadline.left() / (len(problems) - index)
             share = problem.deadline_s if math.isnan(problem.deadline_s) else share
-            given = replace(problem, others=(*others, *known), deadline_s=share + RESERVE_S)
+            given = replace(problem, others=(*others, *known), deadline_s=share)
             plans.append(self.single.plan(given))
             known += self._standing_or_going(problem, plans[-1])
         return tuple(plans)
@@ -108,16 +111,18 @@ class MaasiJoint:
             altitude = float(self.setup.vehicles[problem.robot].pose(problem.state)[2])
             others = _without(problem, planning)
             waypoints = self.single.candidates.waypoints(altitude)
-            view = outlook(
-                problem, self.setup, waypoints, others, finely=problem.separation > 0 and len(problems) > 1
-            )
+            if not self._view.fits(deadline):
+                return None
+            finely = problem.separation > 0 and len(problems) > 1
+            with self._view.measured(deadline):
+                view = outlook(problem, self.setup, waypoints, others, finely, deadline.over)
             allowed = np.isfinite(scored(view, view.exploration, self.config)) & view.clear
             option = np.flatnonzero(allowed & self._affordable(problem, view, allowed))
             if option.size:
                 views[index] = view
                 options.append(option)
             else:  # it holds with a reason or returns home, and the others plan around that
-                plans[index] = self.single.plan(replace(problem, deadline_s=math.inf))
+                plans[index] = self.single.plan(replace(problem, deadline_s=deadline.left()))
             if deadline.over():
                 return None
         going = [c for i, p in plans.items() if p.trajectory for c in self._standing_or_going(problems[i], p)]
@@ -175,12 +180,12 @@ class MaasiJoint:
         if not np.isfinite(value):
             return self._without_last(problems, deadline)
         explorations = [coupling.exploration(a, best[None])[0] for a in range(len(views))]
-        return tuple(
-            chosen(
-                problem, self.setup, view, int(w), float(e), float(self._objective(view, w[None], e[None])[0])
-            )
-            for problem, view, w, e in zip(problems, views, best, np.array(explorations), strict=True)
-        )
+        plans = []
+        for problem, view, w, e in zip(problems, views, best, np.array(explorations), strict=True):
+            value = float(self._objective(view, w[None], e[None])[0])
+            with self._finish.measured(deadline):
+                plans.append(chosen(problem, self.setup, view, int(w), float(e), value))
+        return tuple(plans)
 
     def _best_so_far(
         self, coupling: Coupling, views: list[Outlook], joint: IntArray, deadline: Deadline

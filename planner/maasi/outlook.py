@@ -12,11 +12,12 @@ import numpy as np
 
 from estimator.arrays import BoolArray, FloatArray, IntArray
 from estimator.sensor import SensorModel
-from planner.commitments import Looks, looks, position_at, usable
+from planner.commitments import Looks
 from planner.maasi.coverage import BATCH, cell_corners, explore
 from planner.maasi.ways import ways
+from planner.others import Others
 from planner.plan import Commitment, PlannerSetup, PlanProblem, Predictions, VehicleModel
-from planner.separation import SAME_PLACE, clearances
+from planner.separation import kept
 from planner.vehicles.prediction import finer, measure_steps, measurements_only
 
 
@@ -69,7 +70,7 @@ def outlook(
     problem: PlanProblem,
     setup: PlannerSetup,
     waypoints: FloatArray,
-    others: tuple[Commitment, ...],
+    others: tuple[Commitment, ...] | Others,
     finely: bool = False,
     over: Callable[[], bool] = bool,
 ) -> Outlook:
@@ -81,17 +82,20 @@ def outlook(
         waypoints: candidates.
         others: commitments to condition on.
         finely: sample the ways finely even without a separation to keep.
-        over: whether time is up; what is left of the others' measurements is then not looked at any more.
+        over: whether time is up; ways that are not straight are then not looked for any more, nor is what is
+            left of the others' measurements looked at.
     """
     vehicle, sensor = setup.vehicles[problem.robot], setup.sensors[problem.robot]
-    others = tuple(other for other in others if usable(other) and other.robot != problem.robot)
+    others = others if isinstance(others, Others) else Others(others, problem)
     every = measure_steps(problem.measure_period, vehicle.control_period)
-    apart = problem.separation > 0 and bool(others)
+    apart = problem.separation > 0 and bool(others.commitments)
     closely = apart or finely or setup.ground is not None
     parts = finer(every, vehicle.control_period) if closely else 1
-    way = ways(problem, setup, waypoints, every / parts * vehicle.control_period)
+    way = ways(problem, setup, waypoints, every / parts * vehicle.control_period, over)
     predictions = way if parts == 1 else measurements_only(way, parts)
-    clearance, clear = _clearance(problem, vehicle, way, others if apart else ())
+    clearance, clear = np.full(len(waypoints), np.inf), np.ones(len(waypoints), dtype=np.bool_)
+    if apart:
+        clearance, clear = _clearance(problem, vehicle, way, others)
 
     poses = predictions.measure_poses
     corners, shares = cell_corners(problem.exploration, poses[:, : problem.exploration.values.ndim])
@@ -141,7 +145,7 @@ def _own_looks(
 def others_looks(
     problem: PlanProblem,
     setup: PlannerSetup,
-    others: tuple[Commitment, ...],
+    others: Others,
     times: FloatArray,
     corners: FloatArray,
     shares: FloatArray,
@@ -151,21 +155,21 @@ def others_looks(
 
     Args:
         problem, setup: of the robot that plans.
-        others: usable commitments.
+        others: the other robots.
         times: (n,) team time at which each corner is looked at.
         corners: (d, n).
         shares: (n,).
         over: whether time is up.
     """
-    known = [other for other in others if other.robot in setup.sensors]
+    known = [i for i, other in enumerate(others.commitments) if other.robot in setup.sensors]
     if not known or times.size == 0:
         return
     order = np.argsort(times, kind="stable")
     ordered, points, left = times[order], corners[:, order], shares[order]
-    for other in known:
+    for i in known:
         if over():
             break
-        explore(setup.sensors[other.robot], looks(other, problem.start_time), ordered, points, left)
+        explore(setup.sensors[others.commitments[i].robot], others.tail(i), ordered, points, left)
     shares[order] = left
 
 
@@ -185,22 +189,18 @@ def _refinement(
 
 
 def _clearance(
-    problem: PlanProblem, vehicle: VehicleModel, way: Predictions, others: tuple[Commitment, ...]
+    problem: PlanProblem, vehicle: VehicleModel, way: Predictions, others: Others
 ) -> tuple[FloatArray, BoolArray]:
-    """Metres kept from the others, and whether they are enough.
-
-    Robots that are too close already need only come no closer, or they would hold each other for ever.
-    """
-    least = np.full(way.steps.size, np.inf)
-    enough = np.ones(way.steps.size, dtype=np.bool_)
-    here = vehicle.pose(problem.state)[:3]
+    """Metres (w,) kept from the others, and whether they are enough."""
     ends = np.array([vehicle.pose(state)[:3] for state in way.end_states]).reshape(-1, 3)
-    arrivals = way.steps.astype(np.float64) * vehicle.control_period
-    for other in others:
-        kept = clearances(
-            problem.start_time, way.offsets, way.measure_times, way.measure_poses, arrivals, ends, other
-        )
-        now = float(np.linalg.norm(here - position_at(other, problem.start_time)))
-        least = np.minimum(least, kept)
-        enough &= kept >= min(problem.separation, now) - SAME_PLACE
-    return least, enough
+    return kept(
+        others.courses,
+        problem.start_time,
+        problem.separation,
+        vehicle.pose(problem.state)[:3],
+        way.offsets,
+        way.measure_times,
+        way.measure_poses,
+        way.steps.astype(np.float64) * vehicle.control_period,
+        ends,
+    )

@@ -4,20 +4,23 @@ import numpy as np
 
 from estimator.arrays import FloatArray
 from planner.ground.routes import around, lifted
-from planner.plan import PlannerSetup, PlanProblem, Predictions
+from planner.plan import Over, PlannerSetup, PlanProblem, Predictions, never
 
 
-def ways(problem: PlanProblem, setup: PlannerSetup, waypoints: FloatArray, period: float) -> Predictions:
+def ways(
+    problem: PlanProblem, setup: PlannerSetup, waypoints: FloatArray, period: float, over: Over = never
+) -> Predictions:
     """`VehicleModel.predict` with the ways of waypoints (w, 3) that are not clear led around obstacles.
 
-    A waypoint to which there is no way has no steps and no measurements, as one that the robot stands on.
+    A waypoint to which there is no way, or none was found before time was `over`, has no steps and no
+    measurements, as one that the robot stands on.
     Ways around are estimates to choose by (`planner.ground.routes.around`); a plan predicts the chosen one.
     """
     vehicle = setup.vehicles[problem.robot]
     direct = vehicle.predict(problem.state, waypoints, period)
     if setup.ground is None or not len(waypoints):
         return direct
-    led = around(lifted(setup.ground, problem.area.dimension), vehicle, problem.state, direct, period)
+    led = around(lifted(setup.ground, problem.area.dimension), vehicle, problem.state, direct, period, over)
     if led.open.all():
         return led.ways
     way = led.ways

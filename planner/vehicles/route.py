@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from estimator.arrays import FloatArray
+from estimator.arrays import FloatArray, IntArray
 from planner.plan import Trajectory, VehicleModel
 from planner.vehicles.prediction import SAMPLES, measure_steps, sampled
 
@@ -64,12 +64,12 @@ def routed(
     looked = np.vstack(poses) if step else model.pose(state)[None]
     stride = max(1, math.ceil(len(looked) / (SAMPLES - 1)))
     times = np.append(np.arange(0, len(looked), stride) * look, step) * period
-    measured = np.arange(0, len(looked), every // look)
+    measured: IntArray = np.arange(0, len(looked), every // look)
     return Trajectory(
         waypoint=route[-1].copy(),
         start_time=start_time,
         end_time=start_time + step * period,
-        measure_times=start_time + measured * look * period,
+        measure_times=start_time + (measured * look).astype(np.float64) * period,
         measure_poses=looked[measured],
         times=start_time + times,
         poses=np.vstack([looked[::stride], model.pose(state)]),
