@@ -60,7 +60,8 @@ def identified(vehicle: VehicleModel, state: FloatArray, scale: float) -> Kinema
     if not heads:
         return Kinematics(FREE, speed, np.inf, False, np.inf if climbs else 0.0)
     climb = CLIMB if climbs else 0.0
-    if aside > 0.5 * speed * LOOK_S and aside > 0.02 * scale:  # half a turn leads two radii aside
+    stands = not vehicle.velocity(start).any()  # what can rest may swing aside, but it turns on the spot
+    if not stands and aside > 0.5 * speed * LOOK_S and aside > 0.02 * scale:  # two radii in half a turn
         return Kinematics(FORWARD, speed, 2.0 * speed / aside, True, climb)
     if detour < LOOK_S:
         return Kinematics(FREE, speed, np.inf, True, np.inf if climbs else 0.0)
