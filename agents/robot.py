@@ -7,9 +7,11 @@ again, once.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from agents.allocation import Allocation
 from agents.belief import Belief
 from agents.devices import VehicleState
 from agents.machine import (
@@ -19,31 +21,34 @@ from agents.machine import (
     Event,
     Follow,
     Heard,
-    Measure,
     Measured,
     Planned,
     Publish,
     RequestPlan,
     Stamp,
 )
+from agents.measure_clock import MeasureClock
 from agents.messages import (
+    BidMessage,
     MeasurementSetMessage,
     PictureMessage,
     PlanMessage,
     PoseMessage,
     PosteriorMessage,
+    RequestMessage,
 )
 from agents.plan_request import RobotSetup, plan_problem
+from agents.robot_words import blind, plan_message, pose_message
 from agents.topics import PLAN, POSE, SET
 from agents.transport import PeerChange
 from agents.unacknowledged import Unacknowledged
-from planner.maasi.trigger import worth_measuring
-from planner.plan import Plan, Trajectory
+from planner.plan import Plan, PlanProblem, Trajectory
 from planner.vehicles.route import routed
 
 LATE_FACTOR = 1.5  # a trajectory that takes this much longer than planned is given up
 NEAR_M = 1.0  # corners of the rest of a way are passed within this
 RETRY_S = 1.0  # after a plan that holds, the next is asked for this much later
+REPLAN_S = 1.0  # when the allocation changes again, no earlier than this after the last plan was asked for
 
 
 class Robot:
@@ -57,7 +62,6 @@ class Robot:
         self._mission = mission
         self._area = setup.area or mission.box()
         self._order = [robot.id for robot in mission.robots]
-        self._sensor = setup.sensors[setup.robot]
         self._period = setup.periods[setup.robot]
         self.belief = Belief(
             self.id, self._area, tuple(mission.exploration.points), setup.sensors, setup.periods
@@ -65,6 +69,12 @@ class Robot:
         self.unacknowledged: Unacknowledged[MeasurementSetMessage] = Unacknowledged(
             setup.boot, mission.settings.reoffer_after_s * max(1.0, setup.patience)
         )
+        self.allocation: Allocation | None = None
+        if setup.desk is not None and setup.follows_plans:
+            self.allocation = Allocation(mission, self.id, setup.desk, setup.sensors, now, setup.patience)
+        self._task = ""  # that the committed plan is for
+        self._first = ""  # the allocation's first task when the last plan was asked for
+        self._asked_at = -np.inf
         rank = self._order.index(self.id) if now < setup.stagger_s else 0
         self._trajectory: Trajectory | None = None  # being followed
         self._next: Trajectory | None = None  # committed, begins at its start_time
@@ -76,13 +86,15 @@ class Robot:
         self._plan_version = -1
         self._replanned_for = -1  # the version that was already replanned on a conflict
         # Were all to measure at once, each set would wait for the others'; nothing is gained by it.
-        self._measure_at = self._plan_at if setup.first_capture is None else setup.first_capture
-        self._imposed = True  # the next measurement is at a waypoint and is always taken
+        first = self._plan_at if setup.first_capture is None else setup.first_capture
+        self.measuring = MeasureClock(
+            setup.sensors[self.id],
+            self._period,
+            mission.trigger,
+            first,
+            own_times=setup.first_capture is not None,
+        )
         self._pose_at = now
-        self._body: VehicleState | None = None
-        self.skipped_measurements = 0
-        self.untimed_measurements = 0  # not taken, because nobody could say when
-        self._clock_trusted = True
 
     def __repr__(self) -> str:
         return f"Robot({self.id}, {self.state}, plan={self._plan_version}, {self.unacknowledged})"
@@ -98,16 +110,17 @@ class Robot:
 
     def next_wake(self) -> float:
         """The team time at which `step` must be called even if nothing happens."""
-        times = [self._measure_at, self._pose_at, self.unacknowledged.next_offer()]
+        times = [self.measuring.at, self._pose_at, self.unacknowledged.next_offer()]
         if self._next is not None:
             times.append(self._next.start_time)
         if self._awaited is None and self._setup.follows_plans:
             times.append(self._plan_at)
+        if self.allocation is not None:
+            times.append(self.allocation.next_wake())
         return min(times)
 
     def step(self, now: float, body: VehicleState, events: Sequence[Event]) -> list[Action]:
         """Take in what happened up to `now`, with the vehicle as it is; answer what to do, in order."""
-        self._body = body
         actions: list[Action] = []
         for event in events:
             if isinstance(event, Heard):
@@ -119,12 +132,16 @@ class Robot:
             elif isinstance(event, Delayed):
                 actions += self._amend(now, body)
             elif isinstance(event, ClockTrust):
-                self._clock_trusted = event.trusted
-            elif isinstance(event, PeerChange) and event.peer.role == "robot" and not event.alive:
-                self.belief.forget(event.peer.id)
+                self.measuring.trusted = event.trusted
+            elif isinstance(event, PeerChange) and event.peer.role == "robot":
+                if not event.alive:
+                    self.belief.forget(event.peer.id)
+                if self.allocation is not None:
+                    self.allocation.peer(now, event)
         self._progress(now, body)
-        if now >= self._measure_at:
-            actions += self._measure(now)
+        actions += self.measuring.measure(now, body.pose, self.belief)
+        if self.allocation is not None:
+            actions += self._share(self.allocation, now, body)
         if now >= self._plan_at and self._awaited is None and self._setup.follows_plans:
             actions.append(self._request(now, body))
         if now >= self._pose_at:
@@ -143,6 +160,10 @@ class Robot:
             self.belief.hear_picture(message)
         elif isinstance(message, MeasurementSetMessage):
             self.belief.hear_set(message)
+            self._looked(message)
+        elif isinstance(message, BidMessage | RequestMessage):
+            if self.allocation is not None:
+                self.allocation.hear(now, message)
         elif isinstance(message, PoseMessage):
             self.belief.hear_pose(message)
         elif isinstance(message, PlanMessage) and message.sender in self._order:
@@ -154,63 +175,51 @@ class Robot:
         mine = self._next or self._trajectory
         if mine is None or self._replanned_for == self._plan_version:
             return
-        blind = (
-            theirs.conditioned_on.get(self.id, -1) < self._plan_version
-            and self._conditioned_on.get(theirs.sender, -1) < theirs.plan_version
-        )
-        overlap = theirs.end_time > mine.start_time and mine.end_time > theirs.start_time
         yields = self._order.index(theirs.sender) < self._order.index(self.id)
-        if blind and overlap and yields:
+        if self.allocation is not None:
+            yields = self.allocation.yields(self._task, theirs.task, theirs.sender)
+        if yields and blind(self.id, self._plan_version, self._conditioned_on, mine, theirs):
             self._replanned_for = self._plan_version + 1
             self._plan_at = now
 
     # The measure clock
 
-    def _measure(self, now: float) -> list[Action]:
-        deadline = self._measure_at
-        if self._setup.first_capture is not None:
-            self._measure_at = np.inf  # the device says when its next set comes
-            return [Measure(deadline)]
-        missed = max(0, int((now - deadline) / self._period))
-        self._measure_at = deadline + (missed + 1) * self._period
-        imposed, self._imposed = self._imposed, False
-        if not self._clock_trusted:
-            self.untimed_measurements += 1
-            return []
-        trigger = self._mission.trigger
-        if trigger.enabled and not imposed and self._body is not None:
-            worth = worth_measuring(
-                self._sensor,
-                self.belief.clusters(),
-                self.belief.exploration(),
-                self._body.pose,
-                trigger.gamma,
-                trigger.threshold,
-            )
-            if not worth:
-                self.skipped_measurements += 1
-                return []
-        return [Measure(deadline)]
-
     def _take(self, event: Measured) -> list[Action]:
-        if event.next_capture is not None:
-            self._measure_at = event.next_capture
+        self.measuring.next_set(event.next_capture)
         message = MeasurementSetMessage(
             **self.stamp.header(SET, event.capture_time), pose=event.pose, measurements=event.measurements
         )
         self.belief.looked(message.time, self.id, message.pose)
+        self._looked(message)
         self.unacknowledged.add(message)
         return [Publish(SET, message)]
 
+    def _looked(self, message: MeasurementSetMessage) -> None:
+        if self.allocation is not None:
+            self.allocation.looked(message.time, message.sender, message.pose)
+
     # The plan clock
+
+    def _share(self, allocation: Allocation, now: float, body: VehicleState) -> list[Action]:
+        """Settle with the others who does what; plan anew when the first of the own tasks is another."""
+
+        def view() -> tuple[PlanProblem, Trajectory | None]:
+            number, way = self._plan_number, self._trajectory
+            problem = plan_problem(self._setup, self.belief, number, now, body, way)
+            return problem, self._next or way
+
+        if now >= self._plan_at and self._awaited is None:
+            allocation.renew(now)
+        actions = allocation.step(now, self.stamp, view)
+        if allocation.first != self._first and now >= self._asked_at + REPLAN_S:
+            self._plan_at = min(self._plan_at, now)
+        return actions
 
     def _progress(self, now: float, body: VehicleState) -> None:
         if self._next is not None and now >= self._next.start_time:
             self._trajectory, self._next = self._next, None
             self._late_at = self._given_up(self._trajectory)
-            if self._setup.first_capture is None:
-                self._measure_at = self._trajectory.start_time
-                self._imposed = True
+            self.measuring.waypoint(self._trajectory.start_time)
         trajectory = self._trajectory
         if trajectory is None or self._next is not None:
             return
@@ -227,6 +236,11 @@ class Robot:
         self._awaited = self._plan_number
         problem = plan_problem(self._setup, self.belief, self._plan_number, now, body, self._trajectory)
         self._conditioned_on = {other.robot: other.version for other in problem.others if other.version >= 0}
+        if self.allocation is not None:
+            self._first, self._asked_at = self.allocation.first, now
+            problem = replace(
+                problem, context={**problem.context, "assignment": self.allocation.assignment()}
+            )
         return RequestPlan(self._plan_number, problem)
 
     def _decide(self, now: float, event: Planned) -> list[Action]:
@@ -237,10 +251,10 @@ class Robot:
         if plan.trajectory is None:
             self._plan_at = now + RETRY_S
             return [] if self._trajectory is not None else [Follow(None)]
-        self._next = plan.trajectory
+        self._next, self._task = plan.trajectory, plan.task
         self._plan_at = max(plan.trajectory.end_time - self._setup.plan_lead_s, now)
         self._plan_version += 1
-        return [Follow(plan.trajectory), Publish(PLAN, self._plan_message(now, plan, plan.trajectory))]
+        return [Follow(plan.trajectory), self._publish_plan(now, plan, plan.trajectory)]
 
     def _amend(self, now: float, body: VehicleState) -> list[Action]:
         """Reckon the rest of the way anew, from where the robot was turned aside to, and tell the others."""
@@ -257,33 +271,15 @@ class Robot:
         self._trajectory = way
         self._plan_at = max(way.end_time - self._setup.plan_lead_s, now)
         self._plan_version += 1
-        plan = Plan(way, "goes on after it was turned aside")
-        return [Follow(way), Publish(PLAN, self._plan_message(now, plan, way))]
+        plan = Plan(way, "goes on after it was turned aside", task=self._task)
+        return [Follow(way), self._publish_plan(now, plan, way)]
 
-    def _plan_message(self, now: float, plan: Plan, trajectory: Trajectory) -> PlanMessage:
-        return PlanMessage(
-            **self.stamp.header(PLAN, now),
-            plan_version=self._plan_version,
-            waypoint=trajectory.waypoint,
-            start_time=trajectory.start_time,
-            end_time=trajectory.end_time,
-            measure_times=trajectory.measure_times,
-            measure_poses=trajectory.measure_poses,
-            times=trajectory.times,
-            poses=trajectory.poses,
-            conditioned_on=self._conditioned_on,
-            objective=plan.objective,
-            reason=plan.reason,
-        )
+    def _publish_plan(self, now: float, plan: Plan, way: Trajectory) -> Publish:
+        header = self.stamp.header(PLAN, now)
+        return Publish(PLAN, plan_message(header, self._plan_version, self._conditioned_on, plan, way))
 
     def _publish_pose(self, now: float, body: VehicleState) -> Publish:
         period = self._mission.settings.pose_period_s
         self._pose_at += period * (1 + max(0, int((now - self._pose_at) / period)))
-        message = PoseMessage(
-            **self.stamp.header(POSE, body.time),
-            pose=body.pose,
-            velocity=body.velocity,
-            state=self.state,
-            travelled=body.travelled,
-        )
-        return Publish(POSE, message)
+        header = self.stamp.header(POSE, body.time)
+        return Publish(POSE, pose_message(header, body, self.state))

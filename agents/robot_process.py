@@ -18,7 +18,7 @@ from agents.rehearsal import rehearse_robot
 from agents.robot import Robot
 from agents.shell import HEALTH_PERIOD_S, Shell, run_until_done
 from agents.team import Team
-from agents.topics import EVENT, HEALTH, PICTURE, PLAN, POSE, POSTERIOR, SET
+from agents.topics import BID, EVENT, HEALTH, PICTURE, PLAN, POSE, POSTERIOR, REQUEST, SET
 from planner.plan import Plan, PlanProblem, TeamPlanner
 
 
@@ -77,6 +77,11 @@ class RobotProcess:
             for topic in (POSE, SET, PICTURE):
                 shell.transport.subscribe(topic, urgent=False)
             shell.transport.subscribe(PLAN)
+        desk = team.desk(robot_id) if vehicle.follows_plans else None
+        if desk is not None:
+            shell.transport.subscribe(BID)
+            shell.transport.subscribe(REQUEST)
+            shell.transport.prepare(BID)
         setup = RobotSetup(
             mission=team.mission,
             robot=robot_id,
@@ -90,6 +95,7 @@ class RobotProcess:
             first_capture=sensor.next_capture(now - 1e-9),
             plan_lead_s=0.25 * max(1.0, shell.clock.speed),
             patience=shell.clock.speed,
+            desk=desk,
         )
         self._robot = Robot(setup, now)
         self._robot.stamp = shell.stamp
@@ -153,10 +159,11 @@ class RobotProcess:
                 "sets": robot.stamp.sent(SET),
                 "reoffered": robot.unacknowledged.reoffered,
                 "unacknowledged": len(robot.unacknowledged),
-                "skipped_measurements": robot.skipped_measurements,
-                "untimed_measurements": robot.untimed_measurements,
+                "skipped_measurements": robot.measuring.skipped,
+                "untimed_measurements": robot.measuring.untimed,
+                **(robot.allocation.counters() if robot.allocation else {}),
             },
-            shell.gauges(),
+            shell.gauges() | (robot.allocation.gauges() if robot.allocation else {}),
             {"measure_clock_lateness_ms": self._body.lateness_ms, "plan_ms": self._plan_ms},
         )
         shell.publish(HEALTH, message)

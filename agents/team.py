@@ -20,6 +20,7 @@ from estimator.maps.sight import Sight
 from estimator.search import Search
 from estimator.sensor import SensorModel
 from estimator.sensors.teammates import Teammates
+from planner.allocation.desk import Desk, TaskPlanner
 from planner.plan import Ground, Planner, PlannerSetup, VehicleModel
 
 
@@ -109,6 +110,10 @@ class Team:
             return None
         starts = {robot.id: start_pose(robot) for robot in self.mission.robots}
         return Teammates(starts, table.spread_m, table.rate)
+
+    def desk(self, robot_id: str) -> Desk | None:
+        """One robot's part in sharing tasks; None if the mission's planner shares none."""
+        return self.planner.desk(robot_id) if isinstance(self.planner, TaskPlanner) else None
 
     def world(self, seed: int) -> World:
         """What is really there in the run of this seed.

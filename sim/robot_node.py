@@ -13,7 +13,7 @@ from agents.machine import Action, Event
 from agents.messages import HealthMessage
 from agents.plan_request import RobotSetup
 from agents.robot import Robot
-from agents.topics import PICTURE, PLAN, POSE, POSTERIOR, SET
+from agents.topics import BID, PICTURE, PLAN, POSE, POSTERIOR, REQUEST, SET
 from sim.nodes import Life, Node
 from sim.steady import SETPOINTS_S, SteadySensor, SteadyVehicle
 
@@ -49,6 +49,7 @@ class RobotNode(Node):
             follows_plans=self.vehicle.follows_plans,
             first_capture=self.sensor.next_capture(now - 1e-9),
             stagger_s=0.0 if self.engine.planning.joint else 0.1,
+            desk=team.desk(self.name),
         )
         self.robot = Robot(setup, now)
         self.body = RobotBody(self.robot, self.vehicle, self.sensor, self.clock, self._perform)
@@ -76,6 +77,9 @@ class RobotNode(Node):
         for topic in (POSE, SET, PICTURE, POSTERIOR):
             self.transport.subscribe(topic, urgent=False)
         self.transport.subscribe(PLAN)
+        if self.engine.team.desk(self.name) is not None:
+            self.transport.subscribe(BID)
+            self.transport.subscribe(REQUEST)
 
     def _perform(self, action: Action) -> None:
         self.engine.perform(self, action)
@@ -98,8 +102,12 @@ class RobotNode(Node):
             robot.state,
             self.mailbox,
             self.transport.statistics(),
-            {"sets": robot.stamp.sent(SET), "reoffered": robot.unacknowledged.reoffered},
-            {},
+            {
+                "sets": robot.stamp.sent(SET),
+                "reoffered": robot.unacknowledged.reoffered,
+                **(robot.allocation.counters() if robot.allocation else {}),
+            },
+            robot.allocation.gauges() if robot.allocation else {},
             {
                 "measure_clock_lateness_ms": self.body.lateness_ms,
                 # All robots share one plan service here: the first tells for all.

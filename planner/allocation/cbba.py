@@ -68,7 +68,7 @@ class Bid:
     winning_agents: Mapping[str, str]
     timestamps: Mapping[str, float]
     digests: Mapping[str, int]
-    tasks: frozenset[str] | None = None  # that the sender knows of, won or not; None: all that there are
+    tasks: frozenset[str] | None = None  # that the sender knows of (slots' tasks); None: all that there are
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.time):
@@ -151,7 +151,7 @@ def hear(state: AllocationState, bid: Bid) -> tuple[AllocationState, bool]:
     changed = False
     for task in sorted(agents.keys() | bid.winning_agents.keys()):
         z_i, z_k = agents.get(task), bid.winning_agents.get(task)
-        if bid.tasks is not None and z_k is None and z_i != k and task not in bid.tasks:
+        if bid.tasks is not None and z_k is None and z_i != k and task_of(task) not in bid.tasks:
             continue
         if z_k is not None and z_k not in rank:
             z_k = None  # a robot that nobody knows wins nothing

@@ -32,6 +32,7 @@ class BidRules:
     """How robots talk about their tasks; seconds of team time."""
 
     capacity: int  # tasks in a bundle, at most
+    renew_s: float  # between two looks at what there is to do and what it is worth
     round_s: float  # between two words of a robot, at least
     heartbeat_s: float  # between two words, at most
     silence_s: float  # a robot that nobody has heard for so long is taken for gone
@@ -45,7 +46,6 @@ class Desk:
     ) -> None:
         self.robot = robot
         self.rules = rules
-        self.cell = task_rules.cell
         self._setup = setup
         self._task_rules = task_rules
         self._worth = worth

@@ -228,7 +228,7 @@ def test_event_trigger_skips_looks_that_promise_nothing_but_never_the_one_at_a_w
     stage.step(Planned(asked.number, plan_to(4, 0, np.zeros(4), LEAD)))
     stage.run_until(3.9)
     assert stage.captures() == [0.0, LEAD]
-    assert stage.robot.skipped_measurements == 3
+    assert stage.robot.measuring.skipped == 3
 
 
 def test_a_device_with_its_own_times_is_asked_at_those() -> None:
