@@ -4,9 +4,10 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
+from agents.history import Identity, identity
 from agents.messages import LedgerEntry, MeasurementSetMessage, SoftObservationMessage
 from agents.mission import Mission
-from agents.mission_checks import RESERVED_IDS
+from agents.mission_checks import is_reserved
 from agents.seeds import generator
 from agents.statements import observation
 from estimator.filter import Listening
@@ -15,9 +16,7 @@ from estimator.sensor import SensorModel
 
 MOST = 5000  # soft observations in one mission: more are a flood
 _REMEMBERED = 256  # refused ones that are answered, once each; the rest are counted only
-_AHEAD_S = 1.0  # an operator's clock may be this much ahead, or the rollback window if that is longer
-
-Identity = tuple[str, str, int]
+_AHEAD_S = 1.0  # a sender's clock may be this much ahead, or the rollback window if that is longer
 
 
 class Refused(Exception):
@@ -26,11 +25,6 @@ class Refused(Exception):
     def __init__(self, reason: str, sentence: str) -> None:
         super().__init__(sentence)
         self.reason = reason
-
-
-def identity(entry: LedgerEntry) -> Identity:
-    """Sender, boot and sequence."""
-    return entry.sender, entry.boot, entry.sequence
 
 
 def about(entry: LedgerEntry) -> str:
@@ -64,7 +58,7 @@ class Admission:
         """
         try:
             if isinstance(entry, MeasurementSetMessage):
-                self._check_set(entry)
+                self._check_set(entry, now)
             else:
                 self._check_statement(entry, now, state, statements)
         except Refused as refused:
@@ -77,18 +71,20 @@ class Admission:
             return str(refused)
         return None
 
-    def _check_set(self, entry: MeasurementSetMessage) -> None:
+    def _check_set(self, entry: MeasurementSetMessage, now: float) -> None:
         sensor = self._sensors.get(entry.sender)
         if sensor is None:
             raise Refused("unknown_robot", "the mission has no such robot")
         if entry.measurements.shape[1] != sensor.measurement_size:
             raise Refused("measurement_size", "the robot's sensor measures something else")
+        if entry.time > now + self._ahead:  # it would make the sets of all others late
+            raise Refused("from_the_future", f"it is {entry.time - now:.1f} s ahead; set the clock right")
 
     def _check_statement(
         self, entry: SoftObservationMessage, now: float, state: SearchState[Any], statements: int
     ) -> None:
         # Robots and operators share the ledger's key, so no name may be both.
-        if entry.sender in self._sensors or entry.sender in RESERVED_IDS:
+        if entry.sender in self._sensors or is_reserved(entry.sender):
             raise Refused("no_operator", f"{entry.sender} is no operator's name")
         filter = self._search.filter
         if not isinstance(filter, Listening):

@@ -45,6 +45,19 @@ def _floats(*shape: Dimension) -> ArraySpec:
     return ArraySpec("<f8", shape)
 
 
+_ESTIMATE = {
+    "means": _floats("d", "c"),
+    "covariances": _floats("c", "d", "d"),
+    "masses": _floats("c"),
+    "radii": _floats("c"),
+    "velocities": _floats("d", "c"),
+    "found": _floats("d", "f"),
+    "found_covariances": _floats("f", "d", "d"),
+    "found_velocities": _floats("d", "f"),
+    "found_times": _floats("f"),
+    "found_labels": ArraySpec("<i8", ("f",)),
+}
+
 ARRAYS: dict[type[m.Message], dict[str, ArraySpec]] = {
     m.PoseMessage: {"pose": _floats(4), "velocity": _floats(3)},
     m.MeasurementSetMessage: {"pose": _floats(4), "measurements": _floats("m", "s")},
@@ -57,18 +70,8 @@ ARRAYS: dict[type[m.Message], dict[str, ArraySpec]] = {
         "times": _floats("k"),
         "poses": _floats("k", 4),
     },
-    m.PosteriorMessage: {
-        "means": _floats("d", "c"),
-        "covariances": _floats("c", "d", "d"),
-        "masses": _floats("c"),
-        "radii": _floats("c"),
-        "velocities": _floats("d", "c"),
-        "found": _floats("d", "f"),
-        "found_covariances": _floats("f", "d", "d"),
-        "found_velocities": _floats("d", "f"),
-        "found_times": _floats("f"),
-        "found_labels": ArraySpec("<i8", ("f",)),
-    },
+    m.PosteriorMessage: _ESTIMATE,
+    m.BeliefMessage: _ESTIMATE,
     m.PictureMessage: {
         "exploration": ArraySpec("|u1", (..., "d")),
         "points": ArraySpec("<f4", ("d", "k")),

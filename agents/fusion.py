@@ -1,39 +1,40 @@
 """The Fusion: applies the ledger to the filter and says what the team believes.
 
 A state machine like the Robot. Measurement sets and operators' soft observations are applied in the order
-(capture time, sender, boot, sequence), each once; late ones within the rollback window are put in their
-place. The posterior is a function of the ledger alone: the generator of each entry's draws is seeded by the
-entry's own identity.
+(capture time, sender, boot, sequence), each once, late ones in their places (agents.estimate). The posterior
+is a function of the set of entries alone: the generator of each entry's draws is seeded by the entry's own
+identity. So any number of fusions may run, and one that starts again goes on as if it had never died.
 """
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-import numpy as np
-
-from agents.admission import Admission, Identity, about, identity
-from agents.machine import Action, Event, Heard, Publish, Stamp, Store
+from agents.admission import Admission, about
+from agents.estimate import Estimate, Mark, kind
+from agents.history import Checkpoint, History, Identity, identity, key
+from agents.machine import Action, Event, Heard, Keep, Publish, Stamp, Store
 from agents.messages import (
     EventMessage,
     LedgerEntry,
-    MeasurementSetMessage,
-    PictureMessage,
+    LedgerMessage,
     PosteriorMessage,
+    RelayMessage,
     SoftObservationMessage,
+    StateMessage,
 )
 from agents.mission import Mission
-from agents.seeds import generator
-from agents.statements import observation, words
-from agents.timeline import Arrival, Key, Timeline
-from agents.topics import EVENT, PICTURE, POSTERIOR
-from agents.watermark import Applied
-from estimator.search import Search, SearchState, velocities_of
+from agents.posterior import estimated, picture
+from agents.replicas import PERIOD_S, Replicas, opened
+from agents.snapshot import Snapshots
+from agents.statements import words
+from agents.topics import EVENT, LEDGER, PICTURE, POSTERIOR, RELAY, STATE
+from agents.transport import PeerChange
+from agents.watermark import source
+from estimator.search import Search, SearchState
 from estimator.sensor import SensorModel
-
-PICTURE_POINTS = 1500  # of the thinned intensity
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,161 +46,197 @@ class FusionSetup:
     boot: str
     search: Search[Any]
     sensors: Mapping[str, SensorModel]
+    history: History | None = None  # where its `Store` actions end up; None: what is very late comes last
+    fingerprint: str = ""  # of what makes states the same, see agents.snapshot
 
 
 class Fusion:
-    """The team's estimate. `step` is the only way in; `restore` feeds it a ledger first."""
+    """The team's estimate. `step` is the only way in; `restore` takes over what its ledger holds first."""
 
     def __init__(self, setup: FusionSetup, seed: int) -> None:
         mission = setup.mission
         self.id = setup.id
         self.stamp = Stamp(mission.team, setup.id, setup.boot)
-        self.applied = Applied()
-        self.counters: Counter[str] = Counter()
         self._mission = mission
         self._search = setup.search
-        self._admission = Admission(mission, setup.search, setup.sensors, self.counters)
-        self._void: dict[Identity, str] = {}  # statements that change nothing where they stand, and why
-        self._timeline: Timeline[SearchState[Any], LedgerEntry] = Timeline(
-            setup.search.init(generator(seed, "fusion", "prior")),
-            partial(_apply, setup.search, setup.sensors, seed, self._void),
-            mission.fusion.rollback_s,
+        self._history = setup.history
+        self._estimate = Estimate(
+            setup.search,
+            setup.sensors,
+            seed,
+            rollback_s=mission.fusion.rollback_s,
+            late=mission.fusion.late_sets,
+            history=setup.history,
         )
+        self._snapshots = Snapshots(self._estimate.initial, setup.fingerprint)
+        self._admission = Admission(mission, setup.search, setup.sensors, self.counters)
+        self.replicas = Replicas(setup.id, mission.fusions())
         self._picture_at = 0.0
+        self._told_at = 0.0
+        self._shared_at = 0.0
         self._found = 0
-        self._sets = 0
-        self._statements = 0
 
     def __repr__(self) -> str:
-        return f"Fusion({self.id}, applied={self._sets}, found={self._found}, {dict(self.counters)})"
+        return f"Fusion({self.id}, {self._estimate!r}, found={self._found}, {dict(self.counters)})"
+
+    @property
+    def estimate(self) -> Estimate:
+        """What it grows."""
+        return self._estimate
+
+    @property
+    def counters(self) -> Counter[str]:
+        """For health; they only grow."""
+        return self._estimate.counters
 
     @property
     def search_state(self) -> SearchState[Any]:
         """The estimate after everything applied."""
-        return self._timeline.state
+        return self._estimate.state
 
     def next_wake(self) -> float:
         """The team time at which `step` must be called even if nothing happens."""
-        return self._picture_at
+        if self._estimate.settling:
+            return 0.0  # there is work to do: at once
+        times = [self._picture_at]
+        if self.replicas.any and self._history is not None:
+            times.append(self._told_at)
+        return min(times)
 
-    def restore(self, entries: Sequence[LedgerEntry]) -> None:
-        """Apply what an earlier life stored, in the order of its arrival."""
-        for entry in entries:
-            self._accept([entry])
+    def restore(self) -> None:
+        """Go on where the ledger's earlier life ended."""
+        assert self._history is not None, "restore needs a ledger"
+        load = self._snapshots.decode
+        marks = [Mark(c.key, c.entries, partial(load, c.payload)) for c in self._history.checkpoints()]
+        self._estimate.resume(self._history, marks)
+        self._found = self.search_state.found.shape[1]
 
     def step(self, now: float, events: Sequence[Event]) -> list[Action]:
         """Take in what happened up to `now`; answer what to store and to publish, in order."""
-        new: list[LedgerEntry] = []
-        seen: set[Identity] = set()
+        estimate = self._estimate
         actions: list[Action] = []
+        changed = estimate.settle()
+        new: dict[Identity, LedgerEntry] = {}
         for event in events:
-            if not (isinstance(event, Heard) and isinstance(event.message, LedgerEntry)):
+            if isinstance(event, PeerChange):
+                self.replicas.notice(event)
+            elif not isinstance(event, Heard):
                 continue
-            entry = event.message
-            if identity(entry) in seen or entry in self.applied:
-                self.counters[f"duplicate_{_kind(entry)}"] += 1
-                continue
-            refusal = self._admission.refusal(entry, now, self._timeline.state, self._statements)
-            if refusal is None:
-                seen.add(identity(entry))
-                new.append(entry)
-            elif refusal and isinstance(entry, SoftObservationMessage):
-                actions.append(self._answer(now, entry, f"refused: {refusal}"))
+            elif isinstance(event.message, LedgerEntry):
+                actions += self._offered(now, [event.message], new)
+            elif isinstance(event.message, RelayMessage):
+                entries, refused = opened(event.message)
+                self.counters.update(f"rejected.{reason}" for reason in refused)
+                actions += self._offered(now, entries, new)
+            elif isinstance(event.message, LedgerMessage):
+                actions += self._compared(now, event.message)
+                changed |= not estimate.settling
         if new:
-            # Entries that came together are stored and shown together, each applied in its place.
-            new.sort(key=lambda m: (m.time, m.sender, m.boot, m.sequence))
-            expired = self._accept(new)
-            actions.append(Store(new))
-            for entry in new:
-                if isinstance(entry, SoftObservationMessage):
-                    objection = "changes nothing: it came too late" if identity(entry) in expired else ""
-                    if identity(entry) in self._void:
-                        objection = f"changes nothing: {self._void[identity(entry)]}"
-                    actions.append(self._answer(now, entry, objection))
+            actions += self._taken(now, sorted(new.values(), key=key))
+        if new or changed:
             actions.append(Publish(POSTERIOR, self._posterior()))
             actions += self._announce(now)
-        if now >= self._picture_at:
-            period = self._mission.fusion.picture_period_s
-            self._picture_at += period * (1 + max(0, int((now - self._picture_at) / period)))
-            actions.append(Publish(PICTURE, self._picture()))
-            if not new:
-                actions.append(Publish(POSTERIOR, self._posterior()))
+        actions += self._on_time(now, told=bool(new) or changed)
         return actions
 
-    def _accept(self, entries: Sequence[LedgerEntry]) -> set[Identity]:
-        """Apply entries in the ledger's order; behind the place of the first, all is applied again only once.
+    # What comes in
 
-        Those that came too late to be applied are the answer.
-        """
-        timeline, counters = self._timeline, self.counters
-        items: list[tuple[Key, LedgerEntry]] = []
-        expired = set()
+    def _offered(
+        self, now: float, entries: Iterable[LedgerEntry], new: dict[Identity, LedgerEntry]
+    ) -> Iterable[Action]:
+        """Add those to `new` that are; some of the others get an answer."""
+        estimate = self._estimate
         for entry in entries:
-            self.applied.add(entry)
-            key = (entry.time, entry.sender, entry.boot, entry.sequence)
-            if not timeline.too_late(key):
-                items.append((key, entry))
-            elif self._mission.fusion.late_sets == "expire":
-                counters[f"expired_{_kind(entry)}"] += 1
-                expired.add(identity(entry))
+            if identity(entry) in new or estimate.holds(entry):
+                self.counters[f"duplicate_{kind(entry)}"] += 1
+                estimate.applied.asked(source(entry.sender, entry.boot))
                 continue
-            else:
-                timeline.append(entry)
-                counters[f"late_{_kind(entry)}"] += 1
-            if isinstance(entry, MeasurementSetMessage):
-                self._sets += 1
-            else:
-                self._statements += 1
-        for (_, entry), arrival in zip(items, timeline.insert_all(items), strict=True):
-            counters[f"late_{_kind(entry)}"] += arrival is not Arrival.IN_ORDER
-        counters["applied_sets"] = self._sets
-        counters["reapplied_sets"] = timeline.reapplied
-        if self._statements:
-            counters["applied_soft_observations"] = self._statements
-        return expired
+            refusal = self._admission.refusal(entry, now, estimate.state, estimate.statements)
+            if refusal is None:
+                new[identity(entry)] = entry
+            elif refusal and isinstance(entry, SoftObservationMessage):
+                yield self._answer(now, entry, f"refused: {refusal}")
+
+    def _taken(self, now: float, entries: Sequence[LedgerEntry]) -> list[Action]:
+        """Entries that came together are stored and shown together, each applied in its place."""
+        expired = self._estimate.accept(entries)
+        actions: list[Action] = [Store(entries, expired)]
+        for entry in entries:
+            if isinstance(entry, SoftObservationMessage):
+                objection = "changes nothing: it came too late" if identity(entry) in expired else ""
+                if identity(entry) in self._estimate.void:
+                    objection = f"changes nothing: {self._estimate.void[identity(entry)]}"
+                actions.append(self._answer(now, entry, objection))
+        return actions
+
+    def _compared(self, now: float, told: LedgerMessage) -> list[Action]:
+        """What another fusion lacks is sent; what it applied and this one let expire is applied."""
+        if self._history is None:
+            return []
+        difference = self.replicas.differences(now, told, self._estimate, self._history)
+        self.counters["relayed"] += len(difference.relayed)
+        actions: list[Action] = [
+            Publish(RELAY, relay) for relay in self.replicas.relays(self.stamp, now, difference.relayed)
+        ]
+        if difference.revived:
+            self._estimate.revive(difference.revived)
+            actions.append(Store([], revived=[identity(entry) for entry in difference.revived]))
+        return actions
+
+    # What goes out
+
+    def _on_time(self, now: float, *, told: bool) -> list[Action]:
+        table = self._mission.fusion
+        actions: list[Action] = []
+        if now >= self._picture_at:
+            self._picture_at = _next(self._picture_at, table.picture_period_s, now)
+            header = self.stamp.header(PICTURE, self.search_state.time)
+            actions.append(Publish(PICTURE, picture(self._search, self.search_state, header)))
+            if not told:
+                actions.append(Publish(POSTERIOR, self._posterior()))
+        if table.share_state_s > 0.0 and now >= self._shared_at:
+            self._shared_at = _next(self._shared_at, table.share_state_s, now)
+            actions.append(Publish(STATE, self._state()))
+        if self.replicas.any and self._history is not None and now >= self._told_at:
+            self._told_at = _next(self._told_at, PERIOD_S, now)
+            actions.append(Publish(LEDGER, self.replicas.told(self.stamp, now, self._estimate)))
+        fresh, kept = self._estimate.take_marks()
+        for mark in fresh:
+            payload = self._snapshots.encode(mark.load())
+            actions.append(Keep(Checkpoint(mark.key, mark.entries, payload), kept))
+        return actions
 
     def _posterior(self) -> PosteriorMessage:
-        state = self._timeline.state
-        clusters = state.clusters
+        state, estimate = self.search_state, self._estimate
         return PosteriorMessage(
             **self.stamp.header(POSTERIOR, state.time),
-            watermark=self.applied.watermarks(),
-            applied=self._sets,
-            expected_cardinality=self._search.expected_cardinality(state),
-            means=clusters.means,
-            covariances=clusters.covariances,
-            masses=clusters.masses,
-            radii=clusters.radii,
-            velocities=velocities_of(clusters),
-            found=state.found,
-            found_covariances=state.found_covariances,
-            found_velocities=state.found_velocities,
-            found_times=state.found_times,
-            found_labels=state.found_labels,
+            **estimated(self._search, state),
+            applied=estimate.sets,
+            watermark=estimate.applied.watermarks(),
+            expired=max(0, self.counters["expired_sets"]),
         )
 
-    def _picture(self) -> PictureMessage:
-        state = self._timeline.state
-        points, weights = self._search.thinned(state, PICTURE_POINTS)
-        return PictureMessage(
-            **self.stamp.header(PICTURE, state.time),
-            exploration=np.round(state.exploration.values * 255.0).astype(np.uint8),
-            points=points.astype(np.float32),
-            weights=weights.astype(np.float32),
+    def _state(self) -> StateMessage:
+        state, estimate = self.search_state, self._estimate
+        return StateMessage(
+            **self.stamp.header(STATE, state.time),
+            watermark=estimate.applied.all(),
+            applied=estimate.sets,
+            state=self._snapshots.encode(state),
         )
 
     def _announce(self, now: float) -> list[Action]:
-        found = self._timeline.state.found
-        count = found.shape[1]
-        if count == self._found:
+        found = self.search_state.found
+        before, count = self._found, found.shape[1]
+        self._found = count
+        if count == before or not self.replicas.leads:
             return []
         text = f"{count} targets found"
-        if count > self._found:
+        if count > before:
             where = "; ".join(
-                "(" + ", ".join(f"{x:.1f}" for x in found[:, i]) + ")" for i in range(self._found, count)
+                "(" + ", ".join(f"{x:.1f}" for x in found[:, i]) + ")" for i in range(before, count)
             )
             text += f", the newest at {where}"
-        self._found = count
         return [Publish(EVENT, EventMessage(**self.stamp.header(EVENT, now), level="info", text=text))]
 
     def _answer(self, now: float, statement: SoftObservationMessage, objection: str) -> Action:
@@ -210,27 +247,6 @@ class Fusion:
         return Publish(EVENT, EventMessage(**header, level=level, text=text, about=about(statement)))
 
 
-def _kind(entry: LedgerEntry) -> str:
-    """How counters name it."""
-    return "sets" if isinstance(entry, MeasurementSetMessage) else "soft_observations"
-
-
-def _apply(
-    search: Search[Any],
-    sensors: Mapping[str, SensorModel],
-    seed: int,
-    void: dict[Identity, str],
-    state: SearchState[Any],
-    message: LedgerEntry,
-) -> SearchState[Any]:
-    """The estimate after one more entry. Same entry, same draws: that is what makes replays exact."""
-    rng = generator(seed, "fusion", message.sender, message.boot, message.sequence)
-    sender = message.sender
-    if isinstance(message, SoftObservationMessage):
-        void.pop(identity(message), None)
-        try:
-            return search.observe(state, observation(message, search.area.dimension), message.time, rng)
-        except ValueError as error:  # such as of a target that was found before: true, and no news
-            void[identity(message)] = str(error)[:300]
-            return state
-    return search.apply(state, sensors[sender], message.pose, message.measurements, message.time, rng, sender)
+def _next(due: float, period: float, now: float) -> float:
+    """The first moment after `now` that lies a whole number of periods after `due`."""
+    return due + period * (1 + max(0, int((now - due) / period)))

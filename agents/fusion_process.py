@@ -13,12 +13,13 @@ from agents.fusion import Fusion, FusionSetup
 from agents.health import health_message
 from agents.histogram import Histogram
 from agents.ledger import Ledger
-from agents.machine import Event, Heard, Publish, Store
+from agents.machine import Event, Heard, Keep, Publish, Store
 from agents.messages import ClockMessage, LedgerEntry, MeasurementSetMessage, StartMessage
 from agents.mission import Mission
 from agents.mission_file import mission_hash
 from agents.rehearsal import rehearse_fusion
 from agents.shell import HEALTH_PERIOD_S, Shell, run_until_done
+from agents.snapshot import fingerprint
 from agents.team import Team
 from agents.topics import CLOCK, EVENT, HEALTH, PICTURE, POSTERIOR, SET, SOFT_OBSERVATION, START
 from agents.transport import PeerChange
@@ -53,7 +54,7 @@ async def _main(mission: Mission, path: Path, connect: Sequence[str], speed: flo
     rehearse_fusion(team)
     gc.collect()
     gc.freeze()  # what lives now lives to the end: no collection needs to look at it
-    with Ledger(path) as ledger:
+    with Ledger(path, synchronous=mission.fusion.synchronous) as ledger:
         async with Shell(mission, "fusion", name, connect) as shell:
             shell.transport.subscribe(SET)
             shell.transport.subscribe(SOFT_OBSERVATION)
@@ -77,7 +78,16 @@ class FusionProcess:
         self._robots: set[str] = set()
         self._early: list[Event] = []
         self._answers = ClockAnswers()
-        setup = FusionSetup(team.mission, shell.name, shell.boot, team.search(), team.sensor_models)
+        search = team.search()
+        setup = FusionSetup(
+            team.mission,
+            shell.name,
+            shell.boot,
+            search,
+            team.sensor_models,
+            ledger,
+            fingerprint(team.mission, team.mission.seed, search.filter),
+        )
         self._fusion = Fusion(setup, team.mission.seed)
         self._fusion.stamp = shell.stamp
 
@@ -112,11 +122,11 @@ class FusionProcess:
         if epoch is not None:
             self._speed = float(ledger.fact("speed") or 1.0)
             shell.clock = TeamClock(float(epoch), self._speed)
-            entries = list(ledger.replay(shell.mission.team))
-            self._fusion.restore(entries)
-            sets = sum(isinstance(entry, MeasurementSetMessage) for entry in entries)
-            said = f" and {len(entries) - sets} soft observations" if len(entries) > sets else ""
-            shell.announce(f"goes on with a ledger of {sets} sets{said}")
+            began = time.perf_counter()
+            self._fusion.restore()
+            estimate, took = self._fusion.estimate, time.perf_counter() - began
+            said = f" and {estimate.statements} soft observations" if estimate.statements else ""
+            shell.announce(f"goes on with a ledger of {estimate.sets} sets{said} after {took:.2f} s")
             return True
         wanted = {robot.id for robot in shell.mission.robots}
         deadline = time.monotonic() + shell.mission.settings.start_timeout_s
@@ -157,7 +167,9 @@ class FusionProcess:
             self._publish_start()
         for action in self._fusion.step(now, events):
             if isinstance(action, Store):
-                self._ledger.store(action.entries)
+                self._ledger.store(action.entries, action.expired, action.revived)
+            elif isinstance(action, Keep):
+                self._ledger.keep(action.checkpoint, action.kept)
             elif isinstance(action, Publish):
                 shell.publish(action.topic, action.message)
         self._measure_latency(events)

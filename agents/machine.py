@@ -5,10 +5,11 @@ comes. It reads no clock, opens no socket and starts no thread. The process shel
 virtual-time engine (sim.engine) run the same objects, so what is shown in one holds in the other.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypedDict
 
+from agents.history import Checkpoint, Identity, Key
 from agents.messages import LedgerEntry, Message
 from agents.topics import Topic
 from agents.transport import PeerChange
@@ -92,9 +93,19 @@ class Store:
     """Make these durable before any action after this one is carried out."""
 
     entries: Sequence[LedgerEntry]
+    expired: Mapping[Identity, str] = field(default_factory=dict)  # those of them that do not apply, and why
+    revived: Sequence[Identity] = ()  # stored before as expired; apply from now on
 
 
-Action = Publish | Follow | Measure | RequestPlan | Store
+@dataclass(frozen=True, slots=True)
+class Keep:
+    """Make a state durable, so that a restart is quick; of older ones those of `kept` are still wanted."""
+
+    checkpoint: Checkpoint
+    kept: Sequence[Key]
+
+
+Action = Publish | Follow | Measure | RequestPlan | Store | Keep
 
 
 class Header(TypedDict):

@@ -107,11 +107,10 @@ class Watermark(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
     beyond: list[tuple[Sequence, Sequence]] = []  # first and last of each, growing
 
 
-class PosteriorMessage(Message, frozen=True, kw_only=True):
-    """The team's estimate after everything the watermark covers. `time` is of the newest applied one."""
+class EstimateMessage(Message, frozen=True, kw_only=True):
+    """An estimate after some measurement sets. `time` is of the newest applied one."""
 
-    watermark: dict[str, Watermark]  # "robot/boot" or "operator/boot" ->
-    applied: Sequence  # measurement sets in the posterior
+    applied: Sequence  # measurement sets in it
     expected_cardinality: float  # mass of the intensity plus the found targets that left it
     means: Array  # (d, c) clusters
     covariances: Array  # (c, d, d)
@@ -123,6 +122,48 @@ class PosteriorMessage(Message, frozen=True, kw_only=True):
     found_velocities: Array  # (d, f) m/s, 0 where the filter estimates none
     found_times: Array  # (f,)
     found_labels: Array  # (f,) int64, whole numbers that last over time
+
+
+class PosteriorMessage(EstimateMessage, frozen=True, kw_only=True):
+    """A fusion's estimate, after everything the watermark covers but what expired."""
+
+    watermark: dict[str, Watermark]  # "robot/boot" or "operator/boot" ->
+    expired: Sequence = 0  # measurement sets that came too late to be applied
+
+
+class BeliefMessage(EstimateMessage, frozen=True, kw_only=True):
+    """The estimate of a robot that hears no fusion, of the sets it knows. For people; nobody fuses it."""
+
+
+class StateMessage(Message, frozen=True, kw_only=True):
+    """A fusion's whole state, so that a robot can go on from it when it hears no fusion any more."""
+
+    watermark: dict[str, Watermark]  # of all that is in it or expired, every boot and range
+    applied: Sequence  # measurement sets in it
+    state: bytes  # see agents.snapshot
+
+
+class LedgerMessage(Message, frozen=True, kw_only=True):
+    """From fusion to fusion: what a part of the ledger holds, so that the others can send what it lacks."""
+
+    first: Annotated[str, Meta(max_length=200)]  # of the sources "sender/boot" that are told of
+    last: Annotated[str, Meta(max_length=200)]  # and "" for no end
+    holds: dict[str, Watermark]
+    expired: dict[str, Watermark]
+
+
+class Relayed(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One entry of a ledger, as its sender sent it."""
+
+    topic: Name
+    sender: Name
+    payload: bytes
+
+
+class RelayMessage(Message, frozen=True, kw_only=True):
+    """From fusion to fusion: entries that another lacks."""
+
+    entries: list[Relayed]
 
 
 class PictureMessage(Message, frozen=True, kw_only=True):

@@ -76,11 +76,15 @@ class TriggerTable(Strict, frozen=True, kw_only=True):
 
 
 class FusionTable(Strict, frozen=True, kw_only=True):
-    """How the fusion treats time."""
+    """How the fusion treats time and disk, how many there are, and what robots do without one."""
 
-    rollback_s: NonNegative = 5.0  # sets later than this are not put in their place
-    late_sets: Literal["apply", "expire"] = "apply"  # beyond it: apply at the end, or count as expired
+    rollback_s: NonNegative = 5.0  # sets at most this late are put in their place at once
+    late_sets: Literal["apply", "expire"] = "apply"  # beyond it: in their place too, or count as expired
     picture_period_s: Positive = 1.0
+    replicas: Annotated[int, Meta(ge=1, le=8)] = 1  # fusions: fusion, fusion-2, ...
+    synchronous: Literal["normal", "full"] = "normal"  # stored sets survive a process's death, or a power cut
+    share_state_s: NonNegative = 10.0  # robots are given the whole state this often; 0: never
+    alone_after_s: Positive = 5.0  # a robot that hears no posterior for this long goes on alone
 
 
 class LinkTable(Strict, frozen=True, kw_only=True):
@@ -184,6 +188,10 @@ class Mission(Strict, frozen=True, kw_only=True):
     def box(self) -> Area:
         """The area as arrays."""
         return Area(np.array(self.area.min, dtype=np.float64), np.array(self.area.max, dtype=np.float64))
+
+    def fusions(self) -> list[str]:
+        """The names of the fusions, the first of which starts the team."""
+        return ["fusion", *(f"fusion-{i}" for i in range(2, self.fusion.replicas + 1))]
 
     def robot(self, robot_id: str) -> RobotTable:
         """The robot of this id.

@@ -16,6 +16,12 @@ ROBOT_GROUPS = {"vehicle": "vehicles", "sensor": "sensors"}
 
 RESERVED_IDS = ("fusion", "swarm", "watch")  # these processes publish under the same keys as robots
 
+
+def is_reserved(name: str) -> bool:
+    """Whether a name is a process's other than a robot's."""
+    return name in RESERVED_IDS or re.fullmatch(r"fusion-\d+", name) is not None
+
+
 _ENDPOINT = re.compile(r"^[a-z][a-z0-9-]*/\S+$")
 
 
@@ -121,7 +127,7 @@ def _robots(mission: Mission) -> list[Problem]:
         if robot.id in first:
             allowed = f"an id of its own; robots[{first[robot.id]}] has this one"
             problems.append(Problem(f"robots[{i}].id", show(robot.id), allowed))
-        elif robot.id in RESERVED_IDS:
+        elif is_reserved(robot.id):
             problems.append(Problem(f"robots[{i}].id", show(robot.id), "not " + ", ".join(RESERVED_IDS)))
         first.setdefault(robot.id, i)
         for axis in range(2):

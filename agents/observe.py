@@ -112,7 +112,7 @@ def _table(mission: "Mission", raw: dict[str, Any], name: str) -> "StatementTabl
     from agents.errors import MalformedMessage, MissionError
     from agents.messages import SoftObservationMessage
     from agents.mission import StatementTable
-    from agents.mission_checks import RESERVED_IDS, deaf
+    from agents.mission_checks import deaf, is_reserved
     from agents.statements import observation, said
     from agents.topics import SOFT_OBSERVATION
 
@@ -120,7 +120,7 @@ def _table(mission: "Mission", raw: dict[str, Any], name: str) -> "StatementTabl
     problems = tables.not_finite(raw) or tables.check(raw, StatementTable)
     if problems:
         raise MissionError("\n".join(map(str, problems)))
-    if name in (*RESERVED_IDS, *(robot.id for robot in mission.robots)):
+    if is_reserved(name) or name in {robot.id for robot in mission.robots}:
         raise MissionError(f"--as: found {name!r}, which is a process of the team; take another")
     if deaf(mission.filter):
         raise MissionError(f"{mission.name}: the filter {mission.filter['kind']} takes no soft observations")

@@ -116,8 +116,4 @@ class StatusBoard:
             return None
         if role == "fusion":
             return self._posterior.applied
-        return sum(
-            counted(mark)
-            for stream, mark in self._marks.items()
-            if stream.startswith(f"{name}/")
-        )
+        return sum(counted(mark) for stream, mark in self._marks.items() if stream.startswith(f"{name}/"))

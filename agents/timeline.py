@@ -10,9 +10,10 @@ from collections.abc import Callable, Sequence
 from enum import Enum
 from typing import Generic, TypeVar
 
+from agents.history import Key
+
 S = TypeVar("S")
 E = TypeVar("E")
-Key = tuple[float, str, str, int]  # capture time, robot, boot, sequence
 
 
 class Arrival(Enum):
@@ -34,6 +35,7 @@ class Timeline(Generic[S, E]):
         self._entries: list[E] = []
         self._states: list[S] = []  # after each kept entry
         self._horizon: Key | None = None  # the newest key that was let go
+        self.gone = 0  # entries let go into the base since it was given
         self.reapplied = 0
 
     def __repr__(self) -> str:
@@ -44,6 +46,30 @@ class Timeline(Generic[S, E]):
         """After all entries."""
         return self._states[-1] if self._states else self._base
 
+    @property
+    def base(self) -> S:
+        """After the entries that were let go."""
+        return self._base
+
+    @property
+    def horizon(self) -> Key | None:
+        """The newest key that was let go; what belongs before it cannot be put in its place."""
+        return self._horizon
+
+    @property
+    def newest(self) -> Key | None:
+        """The last key of all."""
+        return self._keys[-1] if self._keys else self._horizon
+
+    def rebase(self, state: S, horizon: Key) -> None:
+        """Let another state stand for all up to a key, and apply what is kept beyond it again."""
+        gone = bisect_right(self._keys, horizon)
+        del self._keys[:gone], self._entries[:gone]
+        self._base, self._horizon, self._states, self.gone = state, horizon, [], 0
+        for entry in self._entries:
+            self._states.append(self._apply(self.state, entry))
+        self.reapplied += len(self._entries)
+
     def insert(self, key: Key, entry: E) -> Arrival:
         """Put an entry in its place; an entry older than the window is not applied."""
         if self.too_late(key):
@@ -52,9 +78,12 @@ class Timeline(Generic[S, E]):
 
     def too_late(self, key: Key) -> bool:
         """Whether a key lies before what can still be applied again."""
-        if self._horizon is not None and key < self._horizon:
-            return True
-        return bool(self._keys) and key[0] < self._keys[-1][0] - self._window
+        newest = self.newest
+        return self.let_go(key) or (newest is not None and key[0] < newest[0] - self._window)
+
+    def let_go(self, key: Key) -> bool:
+        """Whether a key lies before what is kept: nothing can be put there without going further back."""
+        return self._horizon is not None and key < self._horizon
 
     def insert_all(self, items: Sequence[tuple[Key, E]]) -> list[Arrival]:
         """Put entries in their places, by growing key and none `too_late`, as `insert` would one by one.
@@ -101,4 +130,5 @@ class Timeline(Generic[S, E]):
         if count:
             self._base = self._states[count - 1]
             self._horizon = self._keys[count - 1]
+            self.gone += count
             del self._keys[:count], self._entries[:count], self._states[:count]

@@ -64,10 +64,12 @@ PICTURE = Topic(
     10.0,
     "robot goes on with the last",
 )
-BID = Topic(
-    "bid", m.BidMessage, False, 0, 2.0, 1024, Drop.LATEST_ONLY, 200_000, 5.0, "robot counts as gone"
-)
+BID = Topic("bid", m.BidMessage, False, 0, 2.0, 1024, Drop.LATEST_ONLY, 200_000, 5.0, "robot counts as gone")
 REQUEST = Topic("request", m.RequestMessage, True, 16, 0.0, 256, Drop.OLDEST, 4_000, 0.0, "never")
+STATE = Topic("state", m.StateMessage, True, 1, 0.1, 2, Drop.LATEST_ONLY, 16_000_000, 0.0, "never")
+BELIEF = Topic("belief", m.BeliefMessage, False, 0, 1.0, 256, Drop.LATEST_ONLY, 2_000_000, 10.0, "not shown")
+LEDGER = Topic("ledger", m.LedgerMessage, False, 0, 1.0, 64, Drop.OLDEST, 2_000_000, 0.0, "never")
+RELAY = Topic("relay", m.RelayMessage, False, 0, 0.0, 256, Drop.OLDEST, 4_000_000, 0.0, "never")
 START = Topic("start", m.StartMessage, True, 1, 1.0, 16, Drop.LATEST_ONLY, 200_000, 0.0, "never")
 CLOCK = Topic("clock", m.ClockMessage, False, 0, 1.0, 1024, Drop.OLDEST, 1_000, 0.0, "never")
 HEALTH = Topic("health", m.HealthMessage, True, 1, 1.0, 256, Drop.LATEST_ONLY, 100_000, 5.0, "shown silent")
@@ -85,6 +87,10 @@ TOPICS: dict[str, Topic] = {
         REQUEST,
         POSTERIOR,
         PICTURE,
+        STATE,
+        BELIEF,
+        LEDGER,
+        RELAY,
         START,
         CLOCK,
         HEALTH,

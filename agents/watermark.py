@@ -5,7 +5,7 @@ most RANGES are told, and boots that ended are told of only while somebody still
 """
 
 from collections import OrderedDict
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 
 from agents.messages import LedgerEntry, Watermark
 
@@ -43,10 +43,22 @@ def uncovered(watermark: Watermark | None, sequences: Iterable[int]) -> list[int
     return [number for number in sequences if not covers(watermark, number)]
 
 
+def of_numbers(numbers: Iterable[int]) -> Watermark:
+    """What covers these growing numbers and no other."""
+    found: list[tuple[int, int]] = []
+    for number in numbers:
+        if found and number == found[-1][1] + 1:
+            found[-1] = found[-1][0], number
+        else:
+            found.append((number, number))
+    upto = found.pop(0)[1] if found and found[0][0] == 0 else -1
+    return Watermark(upto=upto, beyond=found)
+
+
 class Applied:
     """Grows as entries of the ledger are applied; `watermarks()` is what the posterior carries."""
 
-    def __init__(self, watermarks: dict[str, Watermark] | None = None) -> None:
+    def __init__(self, watermarks: Mapping[str, Watermark] | None = None) -> None:
         """Nothing, or what `all` gave."""
         self._upto: dict[str, int] = {}
         self._beyond: dict[str, set[int]] = {}
@@ -86,6 +98,16 @@ class Applied:
         self._marks.pop(name, None)
         self.asked(name)
 
+    def remove(self, message: LedgerEntry) -> None:
+        """Count an entry no longer."""
+        name, sequence = source(message.sender, message.boot), message.sequence
+        upto, beyond = self._upto.get(name, -1), self._beyond.setdefault(name, set())
+        if sequence <= upto:
+            beyond.update(range(sequence, upto + 1))
+            self._upto[name] = sequence - 1
+        beyond.discard(sequence)
+        self._marks.pop(name, None)
+
     def asked(self, name: str) -> None:
         """Somebody offers what a source sent: its watermark is of interest."""
         self._asked[name] = None
@@ -100,7 +122,7 @@ class Applied:
 
     def all(self) -> dict[str, Watermark]:
         """Of every boot there ever was, with all its ranges."""
-        return {name: self._mark(name, None) for name in self._upto}
+        return {name: self.full(name) for name in self._upto}
 
     def names(self) -> list[str]:
         """All sources, in order."""
@@ -115,21 +137,11 @@ class Applied:
                 self._marks[name] = mark
         return mark
 
+    def full(self, name: str) -> Watermark:
+        """A source's watermark with all its ranges."""
+        return self._mark(name, None)
+
     def _mark(self, name: str, most: int | None) -> Watermark:
         upto, beyond = self._upto.get(name, -1), self._beyond.get(name)
-        return Watermark(upto=upto, beyond=_ranges(sorted(beyond), most) if beyond else [])
-
-
-def _ranges(numbers: list[int], most: int | None) -> list[tuple[int, int]]:
-    """First and last of each run in growing numbers; the first `most` runs."""
-    found: list[tuple[int, int]] = []
-    begin = last = numbers[0]
-    for number in numbers[1:]:
-        if number != last + 1:
-            found.append((begin, last))
-            if most is not None and len(found) == most:
-                return found
-            begin = number
-        last = number
-    found.append((begin, last))
-    return found
+        ranges = of_numbers(sorted(beyond)).beyond if beyond else []
+        return Watermark(upto=upto, beyond=ranges if most is None else ranges[:most])

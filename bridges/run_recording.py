@@ -43,7 +43,7 @@ def read_run(directory: Path) -> tuple[Mission, dict[str, Recording]]:
     team = Team.of(mission)
     world = team.world(_seed(run, mission))
     sets: dict[str, list[MeasurementSetMessage]] = defaultdict(list)
-    with Ledger(run.ledger) as ledger:
+    with Ledger(run.ledger, read_only=True) as ledger:
         for message in ledger.replay(mission.team):
             if isinstance(message, MeasurementSetMessage):
                 sets[message.sender].append(message)

@@ -16,7 +16,7 @@ from agents import codec
 from agents.clock import VirtualClock
 from agents.histogram import Histogram
 from agents.ledger import Ledger
-from agents.machine import Action, Heard, Planned, Publish, RequestPlan, Store
+from agents.machine import Action, Heard, Keep, Planned, Publish, RequestPlan, Store
 from agents.messages import EventMessage, Message, PosteriorMessage
 from agents.scoreboard import Scoreboard
 from agents.seeds import generator
@@ -25,12 +25,13 @@ from agents.topics import EVENT, HEALTH, TOPICS, Topic
 from planner.plan import Plan
 from sim.network import Near, NetworkConditions, SimulatedNetwork
 from sim.nodes import Killed, Life, Node
+from sim.onlooker import Onlooker
 from sim.planning import PlanService
 from sim.robot_node import RobotNode, neighbours
 from sim.service_nodes import FusionNode, OperatorNode, ViewerNode
 
 UNDERWAY = 256  # messages whose bytes are remembered
-FUSION = "fusion"  # the name of a team's only one
+FUSION = "fusion"  # the name of a team's first
 GRACE_S = 1.0  # the run goes on this long after the last target was found
 
 
@@ -48,8 +49,12 @@ class Engine:
         ledgers: Mapping[str, Ledger] | None = None,
         viewer: bool = False,
         absent: Collection[str] = (),
+        onlooker: Onlooker | None = None,
     ) -> None:
-        """`ledgers` are those of several fusions, by name; the `absent` processes are not started."""
+        """`ledger` is the first fusion's; `ledgers` are those of all, by name; else they are in memory.
+
+        The `absent` processes are not started.
+        """
         self.team = team
         self.seed = seed
         self.clock = VirtualClock()
@@ -57,9 +62,11 @@ class Engine:
         self.world = team.world(seed)
         self.scoreboard = Scoreboard(team.mission, seed, "virtual", self.world)
         self._record = record
-        self.ledgers = dict(ledgers) if ledgers is not None else {} if ledger is None else {FUSION: ledger}
+        self.onlooker = onlooker or Onlooker()
+        self.ledgers = dict(ledgers or {name: Ledger() for name in team.mission.fusions()})
+        if ledger is not None:
+            self.ledgers[FUSION] = ledger
         self.full: set[str] = set()  # fusions whose disk takes nothing more
-        self.at_point: Callable[[Node, str], None] | None = None  # told of named points, and may kill there
         self._digest = hashlib.sha256()
         self._heap: list[tuple[float, int, Callable[[], None]]] = []
         self._order = count()
@@ -74,7 +81,7 @@ class Engine:
         )
         self.planning = PlanService(team.planner, self.after)
         self.capture_to_posterior_ms = Histogram()
-        fusions = [FusionNode(self, name) for name in (ledgers or [FUSION])]
+        fusions = [FusionNode(self, name) for name in self.ledgers]
         self.fusion = fusions[0]
         self.robots = [RobotNode(self, robot.id) for robot in team.mission.robots]
         nodes: list[Node] = [*fusions, *self.robots]
@@ -138,22 +145,26 @@ class Engine:
             self.publish(node, action.topic, action.message)
             self._point(node, f"after {action.topic.name}")
         elif isinstance(action, RequestPlan):
+            self.onlooker.asked(node, action.problem)
             self.planning.request(action.problem, partial(self._planned, node, node.boot, action.number))
-        elif isinstance(action, Store) and node.name in self.ledgers:
+        elif isinstance(action, Store):
             self._point(node, "before store")
             if node.name in self.full:
                 # What the ledger raises ends the process; robots still have what it did not acknowledge.
                 self.events.append(f"{self.clock.now():8.2f} {node.name}: the disk is full")
                 node.kill()
                 raise Killed
-            self.ledgers[node.name].store(action.entries)
+            self.ledgers[node.name].store(action.entries, action.expired, action.revived)
             self._point(node, "after store")
+        elif isinstance(action, Keep):
+            self._point(node, "before checkpoint")
+            self.ledgers[node.name].keep(action.checkpoint, action.kept)
+            self._point(node, "after checkpoint")
 
     def _point(self, node: Node, name: str) -> None:
-        if self.at_point is not None:
-            self.at_point(node, name)
-            if node.life is not Life.RUNNING:
-                raise Killed
+        self.onlooker.at(node, name)
+        if node.life is not Life.RUNNING:
+            raise Killed
 
     def _planned(self, node: Node, boot: str, number: int, plan: Plan) -> None:
         if node.boot == boot and node.life is not Life.OFF:
@@ -184,6 +195,7 @@ class Engine:
         self.scoreboard.hear(Heard(TOPICS[topic.name], message), now)
         if self._record is not None:
             self._record(topic, message)
+        self.onlooker.said(node, topic, message)
         if isinstance(message, PosteriorMessage) and self.team.mission.stop_when_all_found:
             self._stop_when_all_found(now)
         node.transport.publish(topic, payload)

@@ -10,7 +10,19 @@ from agents.machine import Event, Publish, Stamp
 from agents.messages import HealthMessage, PosteriorMessage
 from agents.operator_agent import Operator
 from agents.statements import said
-from agents.topics import EVENT, HEALTH, PICTURE, PLAN, POSE, POSTERIOR, SET, SOFT_OBSERVATION, TRUTH
+from agents.topics import (
+    EVENT,
+    HEALTH,
+    LEDGER,
+    PICTURE,
+    PLAN,
+    POSE,
+    POSTERIOR,
+    RELAY,
+    SET,
+    SOFT_OBSERVATION,
+    TRUTH,
+)
 from sim.nodes import Node
 
 if TYPE_CHECKING:
@@ -25,15 +37,16 @@ class FusionNode(Node):
 
     def _begin(self) -> None:
         engine, team = self.engine, self.engine.team
-        setup = FusionSetup(team.mission, self.name, self.boot, team.search(), team.sensor_models)
+        ledger = engine.ledgers[self.name]
+        setup = FusionSetup(team.mission, self.name, self.boot, team.search(), team.sensor_models, ledger)
         self.fusion = Fusion(setup, engine.seed)
-        ledger = engine.ledgers.get(self.name)
-        if ledger is not None and len(ledger):
-            self.fusion.restore(list(ledger.replay(team.mission.team)))
+        self.fusion.restore()
 
     def _subscribe(self) -> None:
-        self.transport.subscribe(SET)
-        self.transport.subscribe(SOFT_OBSERVATION)
+        for topic in (SET, SOFT_OBSERVATION):
+            self.transport.subscribe(topic)
+        for topic in (LEDGER, RELAY):
+            self.transport.subscribe(topic, urgent=False)
 
     def step(self, events: list[Event]) -> None:
         now = self.clock.now()

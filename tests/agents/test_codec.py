@@ -40,11 +40,26 @@ REASONS = {
     "wrong_shape",
 }
 HEAD: dict[str, Any] = {"team": "t", "sender": "r1", "boot": "b0", "sequence": 3, "time": 12.5}
+MARKS = {"r1/b0": m.Watermark(upto=3, beyond=[(5, 5), (8, 9)]), "r2/b1": m.Watermark(upto=-1)}
 
 
 def examples(seed: int = 0, d: int = 2, m_: int = 3, c: int = 2, f: int = 1) -> dict[str, m.Message]:
     """One valid message of every topic, with arrays of the given lengths."""
     rng = np.random.default_rng(seed)
+    estimate: dict[str, Any] = {
+        "applied": 6,
+        "expected_cardinality": 4.2,
+        "means": rng.normal(size=(d, c)),
+        "covariances": rng.normal(size=(c, d, d)),
+        "masses": rng.random(c),
+        "radii": rng.random(c),
+        "velocities": rng.normal(size=(d, c)),
+        "found": rng.normal(size=(d, f)),
+        "found_covariances": rng.normal(size=(f, d, d)),
+        "found_velocities": rng.normal(size=(d, f)),
+        "found_times": rng.random(f),
+        "found_labels": np.arange(f),
+    }
     return {
         "pose": m.PoseMessage(
             **HEAD, pose=rng.normal(size=4), velocity=rng.normal(size=3), state="flying", travelled=3.5
@@ -77,22 +92,11 @@ def examples(seed: int = 0, d: int = 2, m_: int = 3, c: int = 2, f: int = 1) -> 
             objective=-1.5,
             reason="nearest cluster",
         ),
-        "posterior": m.PosteriorMessage(
-            **HEAD,
-            watermark={"r1/b0": m.Watermark(upto=3, beyond=[(5, 5), (8, 9)]), "r2/b1": m.Watermark(upto=-1)},
-            applied=6,
-            expected_cardinality=4.2,
-            means=rng.normal(size=(d, c)),
-            covariances=rng.normal(size=(c, d, d)),
-            masses=rng.random(c),
-            radii=rng.random(c),
-            velocities=rng.normal(size=(d, c)),
-            found=rng.normal(size=(d, f)),
-            found_covariances=rng.normal(size=(f, d, d)),
-            found_velocities=rng.normal(size=(d, f)),
-            found_times=rng.random(f),
-            found_labels=np.arange(f),
-        ),
+        "posterior": m.PosteriorMessage(**HEAD, **estimate, watermark=MARKS),
+        "belief": m.BeliefMessage(**HEAD, **estimate),
+        "state": m.StateMessage(**HEAD, watermark=MARKS, applied=6, state=rng.bytes(20)),
+        "ledger": m.LedgerMessage(**HEAD, first="", last="r2/b1", holds=MARKS, expired=MARKS),
+        "relay": m.RelayMessage(**HEAD, entries=[m.Relayed(topic="set", sender="r2", payload=b"abc")] * c),
         "picture": m.PictureMessage(
             **HEAD,
             exploration=rng.integers(0, 256, size=(5,) * d).astype(np.uint8),

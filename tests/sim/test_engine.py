@@ -9,9 +9,11 @@ import pytest
 
 from agents.fusion import Fusion, FusionSetup
 from agents.ledger import Ledger
+from agents.machine import Heard
 from agents.mission import Mission
 from agents.mission_file import load
 from agents.team import Team
+from agents.topics import SET
 from sim.engine import Engine
 from sim.network import NetworkConditions
 from tests.agents.test_swarm import write_mission
@@ -68,8 +70,8 @@ def test_a_replayed_ledger_gives_the_same_posterior_bit_for_bit(mission: Mission
     with Ledger() as ledger:
         engine = Engine(team, 2, ledger=ledger)
         engine.run()
-        again = Fusion(FusionSetup(mission, "fusion", "b0", team.search(), team.sensor_models), 2)
-        again.restore(list(ledger.replay(mission.team)))
+        again = Fusion(FusionSetup(mission, "fusion", "b0", team.search(), team.sensor_models, ledger), 2)
+        again.restore()
     live, replayed = engine.fusion.fusion.search_state, again.search_state
     np.testing.assert_array_equal(live.found, replayed.found)
     np.testing.assert_array_equal(live.exploration.values, replayed.exploration.values)
@@ -96,7 +98,8 @@ def test_late_sets_within_the_window_give_the_in_order_posterior(mission: Missio
         engine.run()
         sets = sorted(ledger.replay(mission.team), key=lambda s: (s.time, s.sender, s.sequence))
         again = Fusion(FusionSetup(mission, "fusion", "b0", team.search(), team.sensor_models), 3)
-        again.restore(sets)
+        for one in sets:
+            again.step(one.time, [Heard(SET, one)])
     assert engine.fusion.fusion.counters["late_sets"] > 0
     np.testing.assert_array_equal(engine.fusion.fusion.search_state.found, again.search_state.found)
 

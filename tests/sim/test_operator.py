@@ -109,15 +109,17 @@ def test_a_bad_network_costs_no_statement_and_a_replay_gives_the_same_bits(
 ) -> None:
     bad = NetworkConditions(delay_s=0.05, jitter_s=0.3, loss=0.3, duplication=0.3)
     mission = msgspec.structs.replace(mission, duration_s=80.0)  # time to offer the last one again
+    team = Team.of(mission)
     with Ledger() as ledger:
-        engine = Engine(Team.of(mission), seed, bad, ledger=ledger)
+        engine = Engine(team, seed, bad, ledger=ledger)
         engine.run()
         entries = list(ledger.replay(mission.team))
+        setup = FusionSetup(mission, "fusion", "b0", team.search(), team.sensor_models, ledger)
+        again = Fusion(setup, seed)
+        again.restore()
     fusion = engine.fusion.fusion
     stored = [e for e in entries if isinstance(e, SoftObservationMessage)]
     assert len(stored) == len(mission.statements) == fusion.counters["applied_soft_observations"]
-    again = fusion_of(mission, seed)
-    again.restore(entries)
     same(fusion, again)
 
 
@@ -176,7 +178,7 @@ def test_what_is_refused_is_counted_by_reason_and_said_once(
     assert fusion.search_state is before
     assert [e.level for e in events] == ["warning"]
     assert words in events[0].text
-    assert f"{changes.get('sender', 'ann')}/b0" not in fusion.applied.watermarks()
+    assert f"{changes.get('sender', 'ann')}/b0" not in fusion.estimate.applied.watermarks()
 
 
 def test_a_filter_that_takes_none_refuses_with_words(mission: Mission) -> None:
