@@ -238,12 +238,15 @@ class Wall:
         return ~((abs(points[0] - 20.0) < 1.0) & (points[1] < 35.0))
 
     def segments_clear(self, starts, ends):
-        return (starts[0] < 20.0) == (ends[0] < 20.0)
+        return ((starts[0] < 20.0) == (ends[0] < 20.0)) | ((starts[1] > 35.0) & (ends[1] > 35.0))
 
-    def path(self, start, goal):
+    def path(self, start, goal, over=None):
         return np.stack([start, [18.0, 37.0], [22.0, 37.0], goal], axis=1)
 
-    def distances(self, goal, points):
+    def paths(self, start, goals, over=None):
+        return [self.path(start, goal) for goal in goals.T]
+
+    def distances(self, goal, points, over=None):
         return np.linalg.norm(points - goal[:, None], axis=0)
 
 
