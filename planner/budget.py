@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from estimator.arrays import FloatArray
-from planner.ground.routes import lifted, trajectory_to
+from planner.ground.routes import followed, lifted, trajectory_to
 from planner.plan import Over, Plan, PlannerSetup, PlanProblem, Trajectory, never
 from planner.separation import keeps_apart
 from planner.vehicles.route import routed
@@ -48,6 +48,26 @@ def way_to(
     return trajectory_to(ground, vehicle, state, place, time, period, over)
 
 
+def way_along(
+    problem: PlanProblem, setup: PlannerSetup, route: FloatArray, near: float, over: Over = never
+) -> Trajectory | None:
+    """The way from the problem's state through waypoints (r, 3), as near to corners as obstacles allow.
+
+    None where the vehicle would come too near to something, or time was `over` before that was known.
+
+    Args:
+        problem, setup: of the robot.
+        route: straight ways between its waypoints are clear.
+        near: metres within which corners are passed in the open.
+        over: whether time is up.
+    """
+    vehicle, start, period = setup.vehicles[problem.robot], problem.start_time, problem.measure_period
+    if setup.ground is None:
+        return routed(vehicle, problem.state, route, start, period, near=near)
+    ground = lifted(setup.ground, problem.area.dimension)
+    return followed(ground, vehicle, problem.state, route, start, period, over)
+
+
 def homeward(
     problem: PlanProblem, setup: PlannerSetup, state: FloatArray, time: float
 ) -> tuple[float, float]:
@@ -80,7 +100,7 @@ def truncated(problem: PlanProblem, setup: PlannerSetup, way: Trajectory) -> Tra
     """
     if affordable(problem, setup, way):
         return way
-    vehicle, budget = setup.vehicles[problem.robot], problem.budget
+    budget = problem.budget
     spent = np.append(0.0, np.cumsum(np.linalg.norm(np.diff(way.poses[:, :3], axis=0), axis=1)))
     seconds = way.times - way.start_time
     back = 0.0 if budget.home is None else np.linalg.norm(way.poses[:, :3] - budget.home, axis=1)
@@ -92,8 +112,8 @@ def truncated(problem: PlanProblem, setup: PlannerSetup, way: Trajectory) -> Tra
             return None
         passed = way.route[np.append(way.route_times[1:], math.inf) <= way.times[last]]
         route = np.vstack([passed, way.poses[last, :3]])
-        part = routed(vehicle, problem.state, route, problem.start_time, problem.measure_period, near=NEAR_M)
-        if part.end_time > part.start_time and affordable(problem, setup, part):
+        part = way_along(problem, setup, route, NEAR_M)
+        if part is not None and part.end_time > part.start_time and affordable(problem, setup, part):
             return part
         last = min(last - 1, int(SHORTER * last))
     return None

@@ -21,21 +21,21 @@ from msgspec import Meta
 
 from estimator.arrays import Count, FloatArray, Fraction, NonNegative, Positive
 from estimator.sensor import gaussian
-from planner.budget import affordable, limited, returning, truncated
-from planner.commitments import looks as looks_of
-from planner.commitments import usable
-from planner.deadline import Deadline
+from planner.budget import limited, returning, truncated, way_along
+from planner.deadline import Deadline, Reserve
 from planner.irrt.fisher import information
 from planner.irrt.kinematics import FORWARD, Kinematics, identified
 from planner.irrt.targets import Targets, targets_of
 from planner.irrt.tree import Bounds, Edges, Tree
 from planner.maasi.maasi import crowded, unplannable
-from planner.plan import Plan, PlannerSetup, PlanProblem, Trajectory
+from planner.others import Others
+from planner.plan import Over, Plan, PlannerSetup, PlanProblem, Trajectory
 from planner.separation import keeps_apart
-from planner.vehicles.route import routed
 
-RESERVE_S = 2e-3  # kept from the deadline
-ROUTE_S = 1e-3  # and this for each second of the way that is predicted in full
+# That these may take, before they were measured: the way with its checks, what there is to be known, the
+# tree's beginning and end, a step of its growth.
+WAY_S, TARGETS_S, ROOT_S, STEP_S = 1e-3, 1e-3, 1e-3, 1e-3
+CHECKS_S = 5e-4  # kept free while a way is reckoned, for what is asked of it then
 TRIES = 8  # of the best paths, the first that may be taken is
 MOST_LOOKS = 6  # on an edge
 EDGES_PER_SIDE = 15.0  # of the area, where the mission does not say how long an edge is
@@ -74,6 +74,8 @@ class Irrt:
         self.config = config
         self.setup = setup
         self._memories: dict[str, _Memory] = {}
+        self._finish, self._seeing = Reserve(WAY_S), Reserve(TARGETS_S)
+        self._rooting, self._step = Reserve(ROOT_S), Reserve(STEP_S)
 
     def __repr__(self) -> str:
         return f"Irrt({self.config!r})"
@@ -83,31 +85,39 @@ class Irrt:
         awkward = unplannable(problem, self.setup)
         if awkward:
             return Plan(None, awkward)
-        deadline = self.deadline(problem.deadline_s - RESERVE_S)
+        deadline = self.deadline(problem.deadline_s)
         sensor = self.setup.sensors[problem.robot]
         try:
             gaussian(sensor)
         except ValueError:
             return Plan(None, "holds: irrt needs a sensor whose noise is Gaussian, this one has another")
-        targets = targets_of(problem, self.config.explore)
+        if not self._seeing.fits(deadline):
+            return Plan(None, LATE)
+        with self._seeing.measured(deadline):
+            targets = targets_of(problem, self.config.explore)
         if targets.count == 0:
             return self._otherwise(problem, "all is explored and no target is left to learn of")
         if problem.area.dimension != sensor.dimension:
             return Plan(None, f"holds: its sensor is of {sensor.dimension}D targets")
-        if deadline.over():
+        growing = deadline.less(self._finish.seconds)
+        if not self._rooting.fits(growing):
             return Plan(None, LATE)
-        tree, bounds = self._planted(problem)
-        spare = ROUTE_S * self.config.commit * tree.edges.duration
-        root = np.linalg.inv(targets.covariances) + self._told(problem, targets, deadline)
-        tree.value(sensor, targets, root, lambda: deadline.left() <= spare)
+        with self._rooting.measured(deadline):
+            tree, bounds = self._planted(problem)
+        others = Others(problem.others, problem)
+        enough = growing.less(self._rooting.seconds + self._step.seconds)
+        root = np.linalg.inv(targets.covariances) + self._told(others, targets, enough.over)
+        tree.value(sensor, targets, root, growing.less(self._step.seconds).over)
         worth = self.config.information_s / max(float(tree.cost[0]), 1e-300)
         rng = np.random.default_rng(problem.seed)
         barren = 0
-        while not tree.full and barren < 8 and deadline.left() > spare:
-            barren = 0 if tree.grow(sensor, targets, bounds, self.config.bias, worth, rng) else barren + 1
+        while not tree.full and barren < 8 and self._step.fits(growing):
+            with self._step.measured(deadline):
+                grown = tree.grow(sensor, targets, bounds, self.config.bias, worth, rng)
+            barren = 0 if grown else barren + 1
         if tree.count == 1:
             return self._otherwise(problem, "no way from here is free" if barren else LATE[7:])
-        return self._chosen(problem, tree, self._costs(problem, tree, targets, worth), deadline)
+        return self._chosen(problem, tree, self._costs(problem, tree, targets, worth), deadline, others)
 
     def _planted(self, problem: PlanProblem) -> tuple[Tree, Bounds]:
         """The tree of the last plan from where the robot is now, or a new one; and its bounds."""
@@ -140,16 +150,16 @@ class Irrt:
         memory.tree = tree
         return tree, bounds
 
-    def _told(self, problem: PlanProblem, targets: Targets, deadline: Deadline) -> FloatArray:
+    def _told(self, others: Others, targets: Targets, over: Over) -> FloatArray:
         """Information (n, d, d) of the looks that others will take."""
         total = np.zeros_like(targets.covariances)
-        for other in problem.others:
-            if deadline.over():
+        for i, other in enumerate(others.commitments):
+            if over():
                 break
             sensor = self.setup.sensors.get(other.robot)
-            if sensor is None or other.robot == problem.robot or not usable(other):
+            if sensor is None:
                 continue
-            planned = looks_of(other, problem.start_time)
+            planned = others.tail(i)
             poses = planned.poses
             if np.isfinite(planned.stand_time):
                 poses = np.vstack([poses, planned.stand_pose])
@@ -174,7 +184,9 @@ class Irrt:
         cost[0] = np.inf
         return np.where(np.isfinite(cost), cost, np.inf)
 
-    def _chosen(self, problem: PlanProblem, tree: Tree, costs: FloatArray, deadline: Deadline) -> Plan:
+    def _chosen(
+        self, problem: PlanProblem, tree: Tree, costs: FloatArray, deadline: Deadline, others: Others
+    ) -> Plan:
         """The best path that may be taken, of the TRIES best that begin differently."""
         seen: set[int] = set()
         why = "no path has a value"
@@ -184,11 +196,12 @@ class Irrt:
             path = tree.path(int(node))[: self.config.commit]
             if path[-1] in seen:
                 continue
-            if seen and deadline.over():
+            if seen and not self._finish.fits(deadline):
                 why = "its deadline was over before a way was found that may be taken"
                 break
             seen.add(path[-1])
-            way, why = self._way(problem, tree, path)
+            with self._finish.measured(deadline):
+                way, why = self._way(problem, tree, path, others, deadline.less(CHECKS_S).over)
             if way is not None:
                 terms = {
                     "seconds": float(tree.times[node]),
@@ -201,29 +214,24 @@ class Irrt:
                 return Plan(way, reason, -float(costs[node]), terms)
         return self._otherwise(problem, why)
 
-    def _way(self, problem: PlanProblem, tree: Tree, path: list[int]) -> tuple[Trajectory | None, str]:
+    def _way(
+        self, problem: PlanProblem, tree: Tree, path: list[int], others: Others, over: Over
+    ) -> tuple[Trajectory | None, str]:
         """The vehicle's own way along the nodes, or why it may not be taken."""
         vehicle = self.setup.vehicles[problem.robot]
         near = 0.3 * tree.edges.duration * tree.kinematics.speed
         if tree.kinematics.mode == FORWARD:
             near = max(near, 0.5 * tree.kinematics.turn_radius)
         route = tree.poses[path, :3]
-        way: Trajectory | None = routed(
-            vehicle, problem.state, route, problem.start_time, problem.measure_period, near=near
-        )
-        assert way is not None
+        way = way_along(problem, self.setup, route, near, over)
+        if way is None:
+            return None, LATE[7:] if over() else "every way would touch an obstacle"
         if not way.end_time > way.start_time:
             return None, "it is there already"
-        if not affordable(problem, self.setup, way):
-            way = truncated(problem, self.setup, way)
-            if way is None:
-                return None, "its budget allows no way"
-        if self.setup.ground is not None:
-            d = problem.area.dimension
-            places = np.ascontiguousarray(way.poses[:, :d].T)
-            if not self.setup.ground.segments_clear(places[:, :-1].copy(), places[:, 1:].copy()).all():
-                return None, "every way would touch an obstacle"
-        if not keeps_apart(problem, vehicle, way):
+        way = truncated(problem, self.setup, way)
+        if way is None:
+            return None, "its budget allows no way"
+        if not keeps_apart(problem, vehicle, way, others.courses):
             return None, crowded(problem.separation).removeprefix("holds: ")
         return way, ""
 

@@ -12,15 +12,20 @@ import numpy as np
 from msgspec import Meta
 
 from estimator.arrays import Count, FloatArray, IntArray
-from planner.budget import affordable, limited, returning, truncated
-from planner.deadline import Deadline
+from planner.budget import limited, returning, truncated, way_along
+from planner.deadline import Deadline, Reserve
 from planner.irrt.value_iteration import neighbours, values
 from planner.maasi.maasi import crowded, unplannable
-from planner.plan import Plan, PlannerSetup, PlanProblem
+from planner.others import Others
+from planner.plan import Over, Plan, PlannerSetup, PlanProblem, Trajectory
 from planner.separation import keeps_apart
-from planner.vehicles.route import routed
 
-RESERVE_S = 6e-3  # kept from the deadline: one way predicted in full
+MASS_S, TRY_S = (
+    1e-3,
+    2e-3,
+)  # that summing up what is sought, and one goal, may take, before they were measured
+CHECKS_S = 5e-4  # kept free while a way is reckoned, for what is asked of it then
+LATE = "holds: its deadline was over before a way was found"
 TRIES = 6  # goals, the best first
 DEFAULT_CELLS = {2: [20, 20], 3: [10, 10, 6]}
 
@@ -54,6 +59,8 @@ class MdpGreedy:
         ]
         self._centres = np.stack(np.meshgrid(*axes, indexing="ij")).reshape(area.dimension, -1)
         self._moves = neighbours(self._shape, self._centres, setup.ground)
+        self._lengths = np.linalg.norm(self._centres[:, self._moves] - self._centres[:, :, None], axis=0)
+        self._summing, self._trying = Reserve(MASS_S), Reserve(TRY_S)
 
     def __repr__(self) -> str:
         return f"MdpGreedy({self.config!r})"
@@ -63,48 +70,60 @@ class MdpGreedy:
         awkward = unplannable(problem, self.setup)
         if awkward:
             return Plan(None, awkward)
-        deadline = self.deadline(problem.deadline_s - RESERVE_S)
-        if deadline.over():
-            return Plan(None, "holds: its deadline was over before a way was found")
-        mass = self._mass(problem)
+        deadline = self.deadline(problem.deadline_s)
+        if not self._summing.fits(deadline.less(self._trying.seconds)):
+            return Plan(None, LATE)
+        with self._summing.measured(deadline):
+            mass = self._mass(problem)
         if not mass.any():
             return self._otherwise(problem, "all is explored and no target is left to look for")
-        moves = self._moves
-        lengths = np.linalg.norm(self._centres[:, moves] - self._centres[:, :, None], axis=0)
         vehicle, d = self.setup.vehicles[problem.robot], problem.area.dimension
         here = vehicle.pose(problem.state)[:3]
+        others = Others(problem.others, problem)
         own = int(self._cells(here[:d, None])[0])
         entries = self._entries(here[:d], own)
         why = "there is no way from here to any cell"
         order = np.argsort(-mass, kind="stable")
         for goal in order[: int((mass > 0).sum())][: TRIES + 1]:
-            if goal == own or deadline.over():
+            if goal == own:
                 continue
-            v = values(moves, lengths, int(goal), moves.shape[0])
-            route = self._route(here, v, entries, int(goal))
-            if route is None:
-                continue
-            near = 0.5 * float(self._side[:2].min())
-            way = routed(vehicle, problem.state, route, problem.start_time, problem.measure_period, near=near)
-            whole = truncated(problem, self.setup, way) if limited(problem) else way
-            if whole is None or not affordable(problem, self.setup, whole):
-                why = "its budget allows no way"
-                continue
-            if not whole.end_time > whole.start_time:
-                why = "it is there already"
-                continue
-            places = np.ascontiguousarray(whole.poses[:, :d].T)
-            ground = self.setup.ground
-            if ground and not ground.segments_clear(places[:, :-1].copy(), places[:, 1:].copy()).all():
-                why = "every way would touch an obstacle"
-                continue
-            if not keeps_apart(problem, vehicle, whole):
-                why = crowded(problem.separation).removeprefix("holds: ")
-                continue
-            share = float(mass[goal] / mass.sum())
-            place = ", ".join(f"{x:.1f}" for x in self._centres[:, goal])
-            return Plan(whole, f"towards ({place}) with {share:.0%} of what is sought", share)
+            if not self._trying.fits(deadline):
+                why = LATE[7:]
+                break
+            with self._trying.measured(deadline):
+                over = deadline.less(CHECKS_S).over
+                way, why = self._way(problem, here, entries, int(goal), others, over)
+            if way is not None:
+                share = float(mass[goal] / mass.sum())
+                place = ", ".join(f"{x:.1f}" for x in self._centres[:, goal])
+                return Plan(way, f"towards ({place}) with {share:.0%} of what is sought", share)
         return self._otherwise(problem, why)
+
+    def _way(
+        self,
+        problem: PlanProblem,
+        here: FloatArray,
+        entries: IntArray,
+        goal: int,
+        others: Others,
+        over: Over,
+    ) -> tuple[Trajectory | None, str]:
+        """The first moves towards a goal's cell, or why they may not be made."""
+        v = values(self._moves, self._lengths, goal, self._moves.shape[0])
+        route = self._route(here, v, entries, goal)
+        if route is None:
+            return None, "there is no way from here to any cell"
+        way = way_along(problem, self.setup, route, 0.5 * float(self._side[:2].min()), over)
+        if way is None:
+            return None, LATE[7:] if over() else "every way would touch an obstacle"
+        way = truncated(problem, self.setup, way)
+        if way is None:
+            return None, "its budget allows no way"
+        if not way.end_time > way.start_time:
+            return None, "it is there already"
+        if not keeps_apart(problem, self.setup.vehicles[problem.robot], way, others.courses):
+            return None, crowded(problem.separation).removeprefix("holds: ")
+        return way, ""
 
     def _mass(self, problem: PlanProblem) -> FloatArray:
         """What is sought (cells,): the intensity, else the clusters, else what is unexplored."""

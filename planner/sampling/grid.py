@@ -1,6 +1,7 @@
 """The grid over the area on which paths are sampled, and the intensity of targets unobserved in its cells."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,8 +9,9 @@ import numpy as np
 from estimator.arrays import FloatArray, IntArray
 from estimator.filter import Area
 from estimator.sensor import SensorModel
-from planner.commitments import looks, usable
-from planner.plan import Commitment, PlanProblem
+from planner.commitments import Looks
+from planner.others import Others
+from planner.plan import Over, PlanProblem, never
 
 NO_TARGETS = 1e-9  # expected in all: as good as none
 _STANDING_LOOKS = 50  # of a robot that stands: more leave nothing to see there
@@ -82,29 +84,35 @@ def believed(problem: PlanProblem, grid: Grid, undetected: float) -> FloatArray:
 
 
 def unobserved(
-    values: FloatArray, problem: PlanProblem, grid: Grid, sensors: dict[str, SensorModel], until: float
+    values: FloatArray,
+    others: Others,
+    grid: Grid,
+    sensors: Mapping[str, SensorModel],
+    until: float,
+    over: Over = never,
 ) -> FloatArray:
     """What the other robots' committed looks before team time `until` leave of values (n,), (9), (15b).
 
     The order of looks in time decides who is the first to observe a target, not how many are observed: what
-    this robot adds is what all of the others' looks leave.
+    this robot adds is what all of the others' looks leave. Those that there is no time for are not counted.
     """
     left = values.copy()
     where = np.flatnonzero(left > 0)
     points = grid.centres(where)
-    for other in problem.others:
+    for i, other in enumerate(others.commitments):
         sensor = sensors.get(other.robot)
-        if sensor is None or other.robot == problem.robot or not usable(other):
+        if sensor is None:
             continue
-        poses = np.ascontiguousarray(_poses(other, problem.start_time, until))
+        if over():
+            break
+        poses = np.ascontiguousarray(_poses(others.tail(i), until))
         if len(poses):
             p = np.clip(np.nan_to_num(sensor.detection(points, poses)), 0.0, 1.0)
             left[where] *= np.prod(1.0 - p, axis=0)
     return left
 
 
-def _poses(other: Commitment, start: float, until: float) -> FloatArray:
-    tail = looks(other, start)
+def _poses(tail: Looks, until: float) -> FloatArray:
     standing = 0
     if tail.stand_time < until:
         standing = min(_STANDING_LOOKS, int((until - tail.stand_time) / tail.period) + 1)

@@ -31,6 +31,8 @@ class Land:
 
     def ready(self, over: Callable[[], bool]) -> bool:
         """Whether moves and hops are known; False if the time is over first."""
+        if self._target == self._grid.cells:
+            return True
         centres = self._grid.centres()
         if not self.clear.size:
             self.clear = np.asarray(self._ground.clear(centres))

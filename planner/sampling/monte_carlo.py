@@ -6,6 +6,7 @@ the flight; here each robot plans its own path given what the others have commit
 and plans anew from what has been observed by then (section 7: long plans are cut to short ones as in MPC).
 """
 
+from collections.abc import Callable
 from typing import Annotated, ClassVar
 
 import msgspec
@@ -13,21 +14,22 @@ import numpy as np
 from msgspec import Meta
 
 from estimator.arrays import Count, FloatArray, Fraction, IntArray, NonNegative, Positive
-from planner.budget import limited, returning, truncated
-from planner.deadline import Deadline
+from planner.budget import limited, returning, truncated, way_along
+from planner.deadline import Deadline, Reserve
 from planner.maasi.maasi import crowded, unplannable
+from planner.others import Others
 from planner.plan import Plan, PlannerSetup, PlanProblem, Trajectory
 from planner.sampling.board import Board
 from planner.sampling.grid import NO_TARGETS, believed, unobserved
 from planner.sampling.scenery import Scenery
 from planner.sampling.search import Breeding, Path, greedy, search
 from planner.separation import keeps_apart
-from planner.vehicles.route import routed
 
 NEAR_M = 1.0  # a corner is passed within this, or a quarter of a cell
 TRIED = 24  # paths whose beginning is checked against the other robots
-RESERVE_S = 0.002  # kept for the trajectory at first; then what it took so far
-_LONG_S = 1e6
+WAY_S, BOARD_S, GREEDY_S = 1e-3, 1e-3, 1e-3  # that the trajectory and its checks, what is believed in each
+# cell, and a greedy path may take, before they were measured
+BATCH_S = 5e-4  # that a batch of paths takes, about
 LATE = "holds: its deadline was over before it had a path"
 
 NonNegativeCount = Annotated[int, Meta(ge=0)]
@@ -57,12 +59,13 @@ class GreedyPaths:
     """Planner: always towards the cell with most unobserved, the baseline of section 5.2."""
 
     Config: ClassVar[type[GreedyPathsConfig]] = GreedyPathsConfig
+    deadline: Callable[[float], Deadline] = Deadline  # tests give it another clock
 
     def __init__(self, config: GreedyPathsConfig, setup: PlannerSetup) -> None:
         self.config = config
         self.setup = setup
         self._sceneries: dict[str, Scenery] = {}
-        self._reserve_s = RESERVE_S
+        self._finish, self._setting, self._greedy = Reserve(WAY_S), Reserve(BOARD_S), Reserve(GREEDY_S)
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.config!r})"
@@ -72,7 +75,7 @@ class GreedyPaths:
         awkward = unplannable(problem, self.setup)
         if awkward:
             return Plan(None, awkward)
-        deadline = Deadline(problem.deadline_s)
+        deadline = self.deadline(problem.deadline_s)
         if deadline.over():
             return Plan(None, LATE)
         scenery = self._scenery(problem)
@@ -81,27 +84,39 @@ class GreedyPaths:
             return Plan(None, "holds: the area is smaller than a step")
         steps = self._steps(problem, scenery)
         until = problem.start_time + steps * scenery.step_s
-        everything = believed(problem, grid, self.config.undetected)
-        left = unobserved(everything, problem, grid, dict(self.setup.sensors), until)
+        choosing = deadline.less(self._finish.seconds)
+        if not scenery.known(choosing.over) or not self._setting.fits(choosing):
+            return Plan(None, LATE)
+        others = Others(problem.others, problem)
+        with self._setting.measured(deadline):
+            everything = believed(problem, grid, self.config.undetected)
+        enough = choosing.less(self._setting.seconds + BATCH_S)
+        left = unobserved(everything, others, grid, self.setup.sensors, until, enough.over)
         if not left.sum() > NO_TARGETS:
             return _stay(problem, self.setup, "nothing is left to observe: no target is believed anywhere")
-        board = scenery.board(left, problem, self.config.turn_deg, deadline.over)
-        if board is None:
-            return Plan(None, LATE)
-        start = scenery.start(self._pose(problem))
+        with self._setting.measured(deadline):
+            board = scenery.board(left, problem, self.config.turn_deg)
+            start = scenery.start(self._pose(problem))
         if start is None:
             return Plan(None, "holds: no place on its ground is open")
-        paths, sampled = self._paths(board, start, steps, problem, deadline)
+        if choosing.over():
+            return Plan(None, LATE)
+        paths, sampled = self._paths(board, start, steps, problem, choosing)
+        if not sampled:
+            return Plan(None, LATE)
         paths = [path for path in paths if path.cells.size > 1]
         if not paths:
             return Plan(None, "holds: no step is possible from where it is")
-        return self._first_part(problem, scenery, paths, sampled, float(left.sum()), deadline)
+        return self._first_part(problem, scenery, paths, sampled, float(left.sum()), deadline, others)
 
     def _paths(
         self, board: Board, start: int, steps: int, problem: PlanProblem, deadline: Deadline
     ) -> tuple[list[Path], int]:
-        """Paths, best first, and how many were sampled."""
-        return [greedy(board, start, steps)], 1
+        """Paths, best first, and how many were sampled; none if there is no time for any."""
+        if not self._greedy.fits(deadline):
+            return [], 0
+        with self._greedy.measured(deadline):
+            return [greedy(board, start, steps)], 1
 
     def _scenery(self, problem: PlanProblem) -> Scenery:
         known = self._sceneries.get(problem.robot)
@@ -129,6 +144,7 @@ class GreedyPaths:
         sampled: int,
         left: float,
         deadline: Deadline,
+        others: Others,
     ) -> Plan:
         """The first path whose beginning keeps apart from the others and is within the budget."""
         ahead = max(1, round(self.config.follow * self.config.steps))
@@ -141,13 +157,13 @@ class GreedyPaths:
                 continue
             begun.add(cells.tobytes())
             tried += 1
-            if tried > TRIED or (tried > 1 and deadline.left() < self._reserve_s):
+            if tried > TRIED or (tried > 1 and not self._finish.fits(deadline)):
                 break
-            watch = Deadline(_LONG_S)
-            way = self._way(problem, scenery, cells)
-            part = None if way is None else truncated(problem, self.setup, way)
-            apart = part is not None and keeps_apart(problem, self.setup.vehicles[problem.robot], part)
-            self._reserve_s = max(0.9 * self._reserve_s, 1.2 * (_LONG_S - watch.left()))
+            with self._finish.measured(deadline):
+                way = self._way(problem, scenery, cells, deadline)
+                part = None if way is None else truncated(problem, self.setup, way)
+                vehicle = self.setup.vehicles[problem.robot]
+                apart = part is not None and keeps_apart(problem, vehicle, part, others.courses)
             if way is None:
                 reason = "there is no way to the beginning of its path"
             elif part is None:
@@ -163,15 +179,16 @@ class GreedyPaths:
                 return Plan(part, words, path.reward, terms)
         return _stay(problem, self.setup, reason)
 
-    def _way(self, problem: PlanProblem, scenery: Scenery, cells: IntArray) -> Trajectory | None:
+    def _way(
+        self, problem: PlanProblem, scenery: Scenery, cells: IntArray, deadline: Deadline
+    ) -> Trajectory | None:
         """The trajectory along the centres of cells, the first of which the robot is in."""
-        vehicle = self.setup.vehicles[problem.robot]
-        route = scenery.route(self._pose(problem), cells)
+        route = scenery.route(self._pose(problem), cells, deadline.over)
         if route is None:
             return None
         near = min(NEAR_M, 0.25 * float(scenery.grid.size.min()))
-        way = routed(vehicle, problem.state, route, problem.start_time, problem.measure_period, near=near)
-        return way if way.end_time > way.start_time else None
+        way = way_along(problem, self.setup, route, near, deadline.over)
+        return way if way is not None and way.end_time > way.start_time else None
 
 
 class MonteCarlo(GreedyPaths):
@@ -192,7 +209,7 @@ class MonteCarlo(GreedyPaths):
             problem.seed,
             threads=c.threads,
             breeding=Breeding(c.generations, c.children, c.mutation),
-            over=lambda: deadline.left() <= self._reserve_s,
+            over=deadline.less(BATCH_S).over,
         )
         return (found, sampled) if found else (super()._paths(board, start, steps, problem, deadline))
 

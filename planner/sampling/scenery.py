@@ -1,12 +1,10 @@
 """What lasts from one plan of a robot to the next: its grid, footprints of its sensor, the ground."""
 
-from collections.abc import Callable
-
 import numpy as np
 
 from estimator.arrays import FloatArray, IntArray
 from planner.allocation.ability import cruise, sweep_width
-from planner.plan import PlannerSetup, PlanProblem
+from planner.plan import Over, PlannerSetup, PlanProblem, never
 from planner.sampling.board import MOVES, Board, board, turn_table
 from planner.sampling.grid import Grid
 from planner.sampling.land import Land
@@ -62,17 +60,17 @@ class Scenery:
         high = self._setup.area.dimension == 2 and abs(altitude - self._altitude) > _ALTITUDES_M
         return not high and problem.measure_period == self._period
 
-    def board(
-        self, values: FloatArray, problem: PlanProblem, turn_deg: float | None, over: Callable[[], bool]
-    ) -> Board | None:
-        """The board for unobserved targets `values` (n,); None if the time is over before it is known."""
-        footprints = self._footprints
+    def known(self, over: Over) -> bool:
+        """Whether the ground and what is seen from everywhere are known; False if time is over first.
+
+        What has been found out by then need not be found out again.
+        """
         if self._surveyed is not None:
-            footprints = self._surveyed.rows(over)
-            if footprints is None:
-                return None
-        if self.land is not None and not self.land.ready(over):
-            return None
+            self._footprints = self._surveyed.rows(over)
+        return self._footprints is not None and (self.land is None or self.land.ready(over))
+
+    def board(self, values: FloatArray, problem: PlanProblem, turn_deg: float | None) -> Board:
+        """The board for unobserved targets `values` (n,), once all is `known`."""
         velocity = self._vehicle.velocity(problem.state)
         heading = -1
         if turn_deg is not None and np.linalg.norm(velocity) > _MOVING_M_S:
@@ -81,7 +79,7 @@ class Scenery:
         return board(
             self.grid.shape,
             values,
-            footprints=footprints,
+            footprints=self._footprints,
             headings=self._headings,
             open_moves=None if self.land is None else self.land.moves,
             hops=None if self.land is None else self.land.hops,
@@ -96,7 +94,7 @@ class Scenery:
             return int(self.grid.cells_of(place[:, None])[0])
         return self.land.nearest(place)
 
-    def route(self, pose: FloatArray, cells: IntArray) -> FloatArray | None:
+    def route(self, pose: FloatArray, cells: IntArray, over: Over = never) -> FloatArray | None:
         """(r, 3) the corners of the way along cells; None if the ground has no way to its beginning."""
         d = len(self.grid.shape)
         corners = self._corners(cells)
@@ -106,7 +104,7 @@ class Scenery:
             if not ground.segments_clear(here[:, None], corners[:, :1])[0]:
                 corners = np.hstack([self.grid.centres(cells[:1]), corners])
             if not ground.segments_clear(here[:, None], np.ascontiguousarray(corners[:, :1]))[0]:
-                around = ground.path(here, np.array(corners[:, 0]))
+                around = ground.path(here, np.array(corners[:, 0]), over)
                 if around is None:
                     return None
                 corners = np.hstack([around[:, 1:-1], corners])

@@ -8,6 +8,7 @@ import pytest
 
 from estimator.exploration import Exploration
 from estimator.filter import Area
+from planner.others import Others
 from planner.plan import Intensity
 from planner.sampling.grid import Grid, believed, unobserved
 from planner.sampling.monte_carlo import GreedyPaths, MonteCarlo
@@ -80,7 +81,8 @@ def test_others_looks_leave_the_product_of_what_each_misses(seed):
     problem = contract.ordinary(setup, seed)
     grid = Grid.over(setup.area, 5.0, 10_000)
     values = believed(problem, grid, 1.0)
-    left = unobserved(values, problem, grid, dict(setup.sensors), problem.start_time + 20.0)
+    others = Others(problem.others, problem)
+    left = unobserved(values, others, grid, setup.sensors, problem.start_time + 20.0)
     slow = values.copy()
     for other in problem.others:
         poses = [q for t, q in zip(other.measure_times, other.measure_poses, strict=True) if t >= 5.0]
