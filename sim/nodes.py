@@ -78,6 +78,7 @@ class Node(ABC):
         self._subscribe()
         self.life = Life.RUNNING
         self._begin()
+        engine.onlooker.lived(self, "up")
         self.transport.open(Peer(self.role, name, self.boot), self.wake)
 
     def kill(self) -> None:
@@ -85,14 +86,17 @@ class Node(ABC):
         self.life = Life.OFF
         self._wake_at = float("inf")
         self.transport.close()
+        self.engine.onlooker.lived(self, "down")
 
     def stop(self) -> None:
         """SIGSTOP."""
         self.life = Life.STOPPED
+        self.engine.onlooker.lived(self, "stopped")
 
     def go_on(self) -> None:
         """SIGCONT."""
         self.life = Life.RUNNING
+        self.engine.onlooker.lived(self, "going")
         self.wake()
 
     # From the engine and the network
