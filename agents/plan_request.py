@@ -10,6 +10,7 @@ from agents.belief import Belief
 from agents.devices import VehicleState
 from agents.messages import PoseMessage
 from agents.mission import Mission, start_pose
+from agents.topics import POSE
 from estimator.arrays import FloatArray
 from estimator.filter import Area
 from estimator.sensor import SensorModel
@@ -55,7 +56,10 @@ def plan_problem(
     standing = tuple(
         _standing(pose, start, setup.periods)
         for other, pose in sorted(belief.poses.items())
-        if other != robot and other not in belief.commitments and other in setup.periods
+        if other != robot
+        and other not in belief.commitments
+        and other in setup.periods
+        and now - pose.time <= POSE.stale_after_s  # nobody measures for a silent robot; separation keeps it
     )
     return PlanProblem(
         robot=robot,
