@@ -86,6 +86,8 @@ class Applied:
     def add_number(self, name: str, sequence: int) -> None:
         """Count a number of a source as applied."""
         upto = self._upto.get(name, -1)
+        if sequence <= upto:
+            return
         if sequence == upto + 1 and not self._beyond.get(name):
             upto += 1
         else:
