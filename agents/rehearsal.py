@@ -54,6 +54,7 @@ def rehearse_robot(team: Team, robot: str) -> None:
         separation=mission.settings.separation_m,
         context={"rehearsal": True},  # planners with a memory must not remember it
     )
+    team.planner.plan(problem)  # loads kernels; the next one shows planners how long their steps take
     trajectory = team.planner.plan(problem).trajectory
     waypoint = pose[:3] if trajectory is None else trajectory.waypoint
     state = vehicle.advance(vehicle.begin(state, waypoint), waypoint, 1)

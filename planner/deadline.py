@@ -55,18 +55,21 @@ class Deadline:
 class Reserve:
     """What one step of a planner takes that cannot be interrupted, as measured when it was done before.
 
-    The time is kept free for the step at the end of a plan, or the step is not begun without it. What was
-    measured is forgotten by and by, or one slow time would forbid the step for ever.
+    The time is kept free for the step at the end of a plan, or the step is not begun without it. A slow time,
+    of a kernel's first call or of a busy machine, is forgotten soon if the step was ever faster. Otherwise it
+    is forgotten by and by, or it would forbid the step for ever.
 
     Args:
         seconds: that it may take, before it was ever measured.
     """
 
-    MARGIN = 1.2  # of what was measured last
-    FORGOTTEN = 0.9  # is left of the reserve after each plan
+    MARGIN = 1.2  # of what was measured
+    SOON, SLOWLY = 0.7, 0.97  # what is left of the reserve after each time that it was not needed
+    RISING = 0.1  # how fast the usual time follows slower ones
 
     def __init__(self, seconds: float) -> None:
         self.seconds = seconds
+        self._usual = math.inf
 
     def __repr__(self) -> str:
         return f"Reserve({self.seconds:.3g} s)"
@@ -75,7 +78,10 @@ class Reserve:
         """Whether there is time for the step."""
         if deadline.left() > self.seconds:
             return True
-        self.seconds *= self.FORGOTTEN
+        if self.seconds > self._usual:
+            self.seconds = max(self.SOON * self.seconds, self._usual)
+        else:
+            self.seconds *= self.SLOWLY
         return False
 
     @contextmanager
@@ -85,5 +91,7 @@ class Reserve:
         try:
             yield
         finally:
-            took = deadline.passed() - before
-            self.seconds = max(self.FORGOTTEN * self.seconds, self.MARGIN * took)
+            took = self.MARGIN * (deadline.passed() - before)
+            slower = took > self._usual
+            self._usual = self._usual + self.RISING * (took - self._usual) if slower else took
+            self.seconds = max(self.SOON * self.seconds, took)

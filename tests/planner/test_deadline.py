@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from planner.deadline import Deadline
+from planner.deadline import Deadline, Reserve
 
 
 class Clock:
@@ -38,3 +38,61 @@ def test_an_infinite_deadline_is_never_over_and_a_negative_one_at_once() -> None
 def test_a_deadline_that_is_no_number_is_refused() -> None:
     with pytest.raises(ValueError, match="seconds"):
         Deadline(math.nan)
+
+
+def test_one_that_is_over_sooner_begins_at_the_same_time() -> None:
+    clock = Clock()
+    deadline = Deadline(2.0, clock)
+    clock.now += 0.5
+    sooner = deadline.less(1.0)
+    assert (sooner.left(), deadline.left()) == (0.5, 1.5)
+    assert sooner.passed() == deadline.passed() == 0.5
+    clock.now += 0.5
+    assert sooner.over()
+    assert not deadline.over()
+    assert not Deadline(math.inf, clock).less(1.0).over()
+
+
+def test_a_step_is_begun_only_if_what_it_took_before_is_left() -> None:
+    clock = Clock()
+    reserve = Reserve(1.0)
+    assert reserve.fits(Deadline(1.5, clock))
+    assert not reserve.fits(Deadline(0.9, clock))
+    deadline = Deadline(math.inf, clock)
+    for took in (3.0, 2.0):
+        with reserve.measured(deadline):
+            clock.now += took
+    assert reserve.seconds == pytest.approx(1.2 * 0.7 * 3.0)
+    assert not reserve.fits(Deadline(2.3, clock))
+    assert reserve.fits(Deadline(2.6, clock))
+
+
+def test_a_slow_first_time_is_forgotten_soon_but_not_what_a_step_always_takes() -> None:
+    clock = Clock()
+    reserve = Reserve(1.0)
+    for took in (300.0, 2.0):
+        with reserve.measured(Deadline(math.inf, clock)):
+            clock.now += took
+    refused = 0
+    while not reserve.fits(Deadline(3.0, clock)):
+        refused += 1
+    assert 0 < refused < 20
+    for _ in range(20):  # it takes 2 s: with half of that it is refused for long
+        assert not reserve.fits(Deadline(1.0, clock))
+    while not reserve.fits(Deadline(1.0, clock)):  # but not for ever
+        refused += 1
+    assert refused < 100
+
+
+def test_a_step_that_fails_is_measured_too() -> None:
+    clock = Clock()
+    reserve = Reserve(0.1)
+
+    def step() -> None:
+        with reserve.measured(Deadline(math.inf, clock)):
+            clock.now += 1.0
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        step()
+    assert reserve.seconds == pytest.approx(1.2)
