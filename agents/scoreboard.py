@@ -11,8 +11,15 @@ import numpy as np
 from agents.devices import World
 from agents.histogram import Histogram
 from agents.machine import Heard
-from agents.messages import HealthMessage, MeasurementSetMessage, PoseMessage, PosteriorMessage
+from agents.messages import (
+    BidMessage,
+    HealthMessage,
+    MeasurementSetMessage,
+    PoseMessage,
+    PosteriorMessage,
+)
 from agents.mission import Mission
+from agents.ownership import Ownership
 from estimator.arrays import FloatArray
 from estimator.metrics.gospa import gospa, matched
 
@@ -41,11 +48,16 @@ class Scoreboard:
     _present: int = 0  # true targets at the newest posterior's time: some may have left
     _labels: dict[int, int] = field(default_factory=dict)  # true target -> label of its found target
     _label_changes: int = 0
+    tasks: Ownership = field(default_factory=Ownership)
+    _now: float = 0.0
 
     def hear(self, heard: Heard, now: float) -> None:
         """Take in one message, whatever its topic."""
         message = heard.message
-        if isinstance(message, PosteriorMessage):
+        self._now = max(self._now, now)
+        if isinstance(message, BidMessage):
+            self.tasks.hear(message, now)
+        elif isinstance(message, PosteriorMessage):
             self._hear_posterior(message, now)
         elif isinstance(message, PoseMessage):
             self._hear_pose(message)
@@ -175,6 +187,7 @@ class Scoreboard:
             "plan_ms": _percentiles(self._histogram("plan_ms")),
             "capture_to_posterior_ms": _percentiles(self._histogram("capture_to_posterior_ms")),
             "measure_clock_lateness_ms": _percentiles(self._histogram("measure_clock_lateness_ms")),
+            "tasks": self.tasks.summary(self._now),
             "messages": self._messages(),
             "memory_mb": {
                 f"{message.role} {sender}": round(message.gauges["memory_mb"], 1)

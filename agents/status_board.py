@@ -29,6 +29,8 @@ class StatusBoard:
         self._poses: dict[str, PoseMessage] = {}
         self._sets: dict[tuple[str, str], int] = {}  # sets sent, by process and boot
         self._rejected: dict[str, int] = {}
+        self._twice: dict[str, float] = {}  # task-seconds that another held one of its tasks too
+        self._tasks: dict[str, float | None] = {}  # how many a process holds, where robots share tasks
         self._posterior: PosteriorMessage | None = None
         self._marks: dict[str, Watermark] = {}  # by boot: a posterior need not tell of those that ended
         self._total: int | None = None
@@ -58,6 +60,8 @@ class StatusBoard:
                 self._poses[sender] = message
                 self._states[sender] = message.state
             case HealthMessage():
+                self._tasks[sender] = message.gauges.get("tasks_owned")
+                self._twice[sender] = message.gauges.get("double_owned_s", 0.0)
                 self._rejected[sender] = message.counters.get("rejected", 0)
                 if sender not in self._poses:
                     self._states[sender] = message.state
@@ -89,6 +93,7 @@ class StatusBoard:
             expected_cardinality=None if posterior is None else posterior.expected_cardinality,
             sets_applied=0 if posterior is None else posterior.applied,
             rejected=sum(self._rejected.values()),
+            held_twice_s=sum(self._twice.values()),
             processes=tuple(self._row(name, wall) for name in self._roles),
             note=self._note,
         )
@@ -107,6 +112,7 @@ class StatusBoard:
             if role == "robot"
             else None,
             sets_stored=self._stored(name, role),
+            tasks=None if (held := self._tasks.get(name)) is None else int(held),
             travelled_m=self._poses[name].travelled if name in self._poses else None,
             restarts=max(0, len(boots) - 1),
         )

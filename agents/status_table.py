@@ -25,6 +25,7 @@ class ProcessStatus:
     sets_stored: int | None = None  # of its sets, in the ledger; for the fusion, of all robots
     travelled_m: float | None = None
     restarts: int = 0
+    tasks: int | None = None  # that it holds
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +42,7 @@ class TeamStatus:
     rejected: int = 0  # messages that were not applied
     processes: tuple[ProcessStatus, ...] = ()
     note: str = ""  # one line of news
+    held_twice_s: float = 0.0  # task-seconds that two robots held one task, as far as they knew
 
 
 def status_table(status: TeamStatus) -> RenderableType:
@@ -69,6 +71,8 @@ def _header(status: TeamStatus) -> Text:
     line.append(f"  expected {expected}  sets {status.sets_applied}")
     if status.rejected:
         line.append(f"  rejected {status.rejected}", style="yellow")
+    if status.held_twice_s >= 0.05:
+        line.append(f"  tasks held twice {status.held_twice_s:.1f} s", style="yellow")
     return line
 
 
@@ -81,7 +85,8 @@ def _processes(status: TeamStatus) -> Table:
     table = Table(box=None, padding=(0, 1), header_style="dim", pad_edge=False)
     table.add_column("process", no_wrap=True, min_width=12, max_width=20)
     table.add_column("state", no_wrap=True, min_width=12, max_width=18)
-    for name in ("age", "sets sent", "stored", "travelled", "restarts"):
+    share = any(process.tasks is not None for process in status.processes)
+    for name in ("age", "sets sent", "stored", *(("tasks",) if share else ()), "travelled", "restarts"):
         table.add_column(name, justify="right", no_wrap=True)
     # With more processes than rows, those in trouble are shown first and nothing else moves.
     rows = sorted(status.processes, key=_is_well) if len(status.processes) > _MOST_ROWS else status.processes
@@ -92,6 +97,7 @@ def _processes(status: TeamStatus) -> Table:
             _age(process),
             _count(process.sets_sent),
             _count(process.sets_stored),
+            *((_count(process.tasks),) if share else ()),
             "-" if process.travelled_m is None else f"{process.travelled_m:.0f} m",
             Text(str(process.restarts), style="yellow") if process.restarts else Text("-", style="dim"),
         )

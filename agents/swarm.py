@@ -20,6 +20,7 @@ from agents.messages import EventMessage, StartMessage, TruthMessage
 from agents.mission import Mission
 from agents.mission_file import load
 from agents.nursery import Nursery
+from agents.ownership import SILENT_S, Ownership
 from agents.plugins import load as load_plugin
 from agents.processes import Launch, commands
 from agents.run_directory import RunDirectory
@@ -29,7 +30,7 @@ from agents.status_board import StatusBoard
 from agents.status_table import ProcessStatus, status_table
 from agents.supervisor import State, Status, Supervisor
 from agents.team import Team
-from agents.topics import EVENT, HEALTH, POSE, POSTERIOR, SET, START, TRUTH
+from agents.topics import BID, EVENT, HEALTH, POSE, POSTERIOR, SET, START, TRUTH
 from agents.transport import PeerChange
 
 GRACE_S = 1.0  # wall time from the last found target to the end
@@ -106,6 +107,7 @@ class Swarm:
         )
         self._world = team.world(team.mission.seed)
         self._scoreboard = Scoreboard(team.mission, team.mission.seed, "processes", self._world)
+        self._scoreboard.tasks = Ownership(SILENT_S * max(1.0, launch.speed))
         self._board = StatusBoard(team.mission)
         self._started = False
         self._ending = False
@@ -114,7 +116,7 @@ class Swarm:
     async def run(self) -> int:
         """Until all is found, the time is up, or someone asks to end; then the summary."""
         shell = self._shell
-        for topic in (POSE, SET, POSTERIOR, HEALTH, EVENT, START):
+        for topic in (POSE, SET, BID, POSTERIOR, HEALTH, EVENT, START):
             shell.transport.subscribe(topic, urgent=False)
         starting = asyncio.create_task(self._supervisor.start())
         try:

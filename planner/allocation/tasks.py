@@ -21,6 +21,7 @@ from planner.allocation.regions import Regions
 from planner.plan import Intensity
 
 Kind = Literal["refine", "explore", "request"]
+FEWEST = 0.5  # of the regions at the start that there are at the end
 MOST = 256  # tasks of one robot; the least of them are left out
 
 
@@ -58,6 +59,7 @@ class TaskRules:
     regions: int = 4  # to explore when nothing is explored, to within a factor of 1.4
     unexplored: float = 0.02  # share of the area below which nothing is left to explore
     least_exploration: float = 0.05  # of a grid point below which it counts as explored
+    overlooked: float = 0.2  # expected targets below which none is looked for where all is explored
     spacing: float = 10.0  # clusters nearer than this are one task, m
 
     @property
@@ -92,7 +94,7 @@ def make_tasks(
         replace(task, name=name)
         for task, name in zip(clusters, _names(rules, clusters, known or {}), strict=True)
     ]
-    named += _regions(rules, regions, exploration)
+    named += _regions(rules, regions, exploration, intensity)
     named += _requested(requests, exploration.low.size)
     if len(named) > MOST:
         kept = sorted(named, key=lambda task: (task.kind != "request", -task.mass, task.name))[:MOST]
@@ -100,20 +102,45 @@ def make_tasks(
     return tuple(named)
 
 
-def _regions(rules: TaskRules, regions: Regions, exploration: Exploration) -> list[Task]:
-    """What is left to explore, in shares whose number shrinks with it, but more slowly."""
+def _regions(
+    rules: TaskRules, regions: Regions, exploration: Exploration, intensity: Intensity
+) -> list[Task]:
+    """What is left to explore, in shares whose number shrinks with it, but more slowly.
+
+    When there is next to nothing left, and targets are still expected that nobody has seen, it is the places
+    where these may be.
+    """
     points = exploration.nodes()
     weights = exploration.values.ravel()
     weights = np.where(np.isfinite(weights) & (weights >= rules.least_exploration), weights, 0.0)
     weights = weights / max(weights.size, 1)
     total = float(weights[regions.order].sum())
     if total < rules.unexplored:
-        return []
-    count = max(1.0, rules.regions * float(np.sqrt(total)))
+        weights = _overlooked(rules, exploration, intensity)
+        total = float(weights[regions.order].sum())
+        if total <= 0.0:
+            return []
+    count = rules.regions * max(float(np.sqrt(total)), FEWEST)
     return [
         replace(_task("explore", points[:, rows], weights[rows]), name=f"explore-{number}")
         for number, rows in regions.shares(weights, count)
     ]
+
+
+def _overlooked(rules: TaskRules, exploration: Exploration, intensity: Intensity) -> FloatArray:
+    """Where the intensity is (g,), as if that were the last of the area to explore; 0 if there is none."""
+    shape = exploration.values.shape
+    expected = np.where(np.isfinite(intensity.weights), intensity.weights, 0.0)
+    whole = np.isfinite(intensity.points).all(axis=0) & (expected > 0)
+    made = np.zeros(exploration.values.size)
+    if float(expected[whole].sum()) < rules.overlooked:
+        return made
+    spans = np.maximum(exploration.high - exploration.low, 1e-12)[:, None]
+    steps = (np.array(shape) - 1)[:, None]
+    places = (intensity.points[:, whole] - exploration.low[:, None]) / spans * steps
+    cells = np.clip(np.rint(places).astype(np.int64), 0, steps)
+    np.add.at(made, np.ravel_multi_index(tuple(cells), shape), expected[whole])
+    return made * (rules.unexplored / made.sum())
 
 
 def _clusters(rules: TaskRules, intensity: Intensity) -> list[Task]:

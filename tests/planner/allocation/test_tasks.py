@@ -211,6 +211,7 @@ def test_what_is_explored_is_no_task_and_what_is_not_finite_is_left_out():
     explored = dataclasses.replace(unexplored(), values=np.full((21, 21), 0.01))
     assert tasks(explored, Intensity.empty(2)) == ()
     bad = clusters([(20, 20), (np.nan, 3), (50, 50)], [1.0, 1.0, np.inf])
+    bad = dataclasses.replace(bad, points=np.full((2, 1), np.nan), weights=np.ones(1))
     damaged = explored.values.copy()
     damaged[3, 3] = np.nan
     requests = (
@@ -222,6 +223,20 @@ def test_what_is_explored_is_no_task_and_what_is_not_finite_is_left_out():
     known = {"refine-9.9": np.zeros(3), "explore-2": np.array([20.0, 20.0])}
     made = tasks(dataclasses.replace(explored, values=damaged), bad, requests, known)
     assert [task.name for task in made] == ["refine-2.2"]
+
+
+def test_targets_that_nobody_has_seen_are_looked_for_where_all_is_explored():
+    """One target is still expected, nine times as likely in the upper right as in the lower left."""
+    explored = dataclasses.replace(unexplored(), values=np.full((21, 21), 0.001))
+    points = np.array([[92.0, 8.0], [91.0, 7.0]])
+    intensity = dataclasses.replace(Intensity.empty(2), points=points, weights=np.array([0.9, 0.1]))
+    made = tasks(explored, intensity)
+    assert {task.kind for task in made} == {"explore"}
+    assert sum(task.mass for task in made) == pytest.approx(RULES.unexplored)
+    most = max(made, key=lambda task: task.mass)
+    assert most.place == pytest.approx([90.0, 90.0], abs=2.5)
+    assert most.mass / RULES.unexplored == pytest.approx(0.9)
+    assert tasks(explored, dataclasses.replace(intensity, weights=0.1 * intensity.weights)) == ()
 
 
 def test_without_a_spacing_every_cluster_is_a_task():
