@@ -110,6 +110,9 @@ def followed(
     At first it steers on to the next corner early; if that brings it too near to something, later, and last
     only where it has come to the corner.
     """
+    if len(route) == 1:
+        made = vehicle.trajectory(state, route[0], start_time, measure_period)
+        return made if trajectory_clear(ground, made) else None
     length = float(
         np.linalg.norm(np.diff(route, axis=0, prepend=vehicle.pose(state)[None, :3]), axis=1).sum()
     )
@@ -127,8 +130,6 @@ def followed(
         made = routed(vehicle, state, route, start_time, measure_period, near=near)
         if trajectory_clear(ground, made):
             return made
-        if len(route) == 1:
-            break
     return None
 
 

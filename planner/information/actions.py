@@ -9,16 +9,14 @@ length, so that all scales have about as many actions. It begins straight ahead 
 A robot is taken to look along its way if its vehicle steers that way, else to keep its yaw.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Protocol, cast, runtime_checkable
 
 import numpy as np
 
 from estimator.arrays import FloatArray, IntArray
 from estimator.filter import Area
 from estimator.kernels import kernel
-from planner.plan import Ground, VehicleModel
+from planner.plan import Ground, Over, VehicleModel, never
 
 RING = 48  # places at a length scale in the open, among which goals are chosen
 SPHERE = 160  # of them in 3D
@@ -26,21 +24,18 @@ GOLDEN = np.pi * (3.0 - np.sqrt(5.0))
 TURNED = 0.5  # rad, by which a vehicle must turn towards its way to be one that looks along it
 
 
-@runtime_checkable
-class ManyPaths(Protocol):
-    """A ground that finds the ways from one place to several at once."""
-
-    def paths(self, start: FloatArray, goals: FloatArray) -> list[FloatArray | None]:
-        """`Ground.path` from start (d,) to goals (d, n)."""
-
-
 @dataclass(frozen=True, slots=True)
 class ActionSet:
-    """The a actions of one robot at one length scale."""
+    """The a actions of one robot, of all length scales, the shortest first."""
 
-    length: float  # metres
+    lengths: FloatArray  # (a,) metres, the action's length scale
     poses: FloatArray  # (a, T, 4) where it would measure
     corners: tuple[FloatArray, ...]  # of each way (d, k), start and goal among them
+
+    @property
+    def scales(self) -> list[tuple[float, IntArray]]:
+        """Each length in metres and the numbers of its actions."""
+        return [(float(length), np.flatnonzero(self.lengths == length)) for length in np.unique(self.lengths)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,11 +60,10 @@ class Lattice:
         ]
         points = np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")])
         self.points = np.ascontiguousarray(points[:, ground.clear(points)])
-        self.many = isinstance(ground, ManyPaths)
         self.spacing = float(((area.high - area.low) / counts).max())
 
 
-def action_sets(
+def action_set(
     pose: FloatArray,
     area: Area,
     scales: Scales,
@@ -77,8 +71,9 @@ def action_sets(
     turns: bool,
     ground: Ground | None = None,
     lattice: Lattice | None = None,
-) -> Iterator[ActionSet]:
-    """The actions of each length scale in turn, until one has no place left in the area or the ground.
+    over: Over = never,
+) -> ActionSet:
+    """The actions of all length scales, until one has no place left in the area or the ground.
 
     Args:
         pose: (4,) of the robot.
@@ -87,33 +82,33 @@ def action_sets(
         turns: whether the robot looks along its way.
         ground: None: the area is open.
         lattice: of the ground, needed with one.
+        over: whether time is up: then there are only those of the scales that are near.
     """
     d = area.dimension
     here = np.ascontiguousarray(pose[:d])
-    metres = None if ground is None or lattice is None else ground.distances(here, lattice.points)
-    length, had = scales.first, False
-    for _ in range(scales.most):
-        if ground is None or lattice is None or metres is None:
-            places = _ring(pose, area, length)
-            goals = places[:, _spread(places, scales.spread * length)]
-            ways = [np.stack([here, goal], axis=1) for goal in goals.T]
-        else:
-            near = np.flatnonzero(np.abs(metres - length) <= 0.71 * lattice.spacing)
-            near = near[np.argsort(_turn_to(lattice.points[:, near], pose), kind="stable")]
-            places = np.ascontiguousarray(lattice.points[:, near])
-            goals = np.ascontiguousarray(places[:, _spread(places, scales.spread * length)])
-            ways = [
-                way
-                for way in _paths(ground, here, goals, lattice.many)
-                if way is not None and way.shape[1] > 1
-            ]
-        if ways:
-            had = True
-            poses = np.stack([evenly(way, scales.steps, pose, turns) for way in ways])
-            yield ActionSet(length, poses, tuple(ways))
-        elif had or length > float(np.linalg.norm(area.high - area.low)):
-            return  # the area has nothing that far
-        length *= scales.growth
+    lengths = np.array([scales.first * scales.growth**k for k in range(scales.most)])
+    if ground is None or lattice is None:
+        rings = [_ring(pose, area, length) for length in lengths]
+        places = np.hstack(rings)
+        metres, slack = np.repeat(lengths, [ring.shape[1] for ring in rings]), 1e-9
+    else:
+        metres, slack = ground.distances(here, lattice.points, over), 0.71 * lattice.spacing
+        reached = np.flatnonzero(metres <= lengths[-1] + slack)
+        reached = reached[np.argsort(_turn_to(lattice.points[:, reached], pose), kind="stable")]
+        places, metres = lattice.points[:, reached], metres[reached]
+    farthest = float(np.linalg.norm(area.high - area.low))
+    goals, of = _goals(np.ascontiguousarray(places), metres, lengths, slack, scales.spread, farthest)
+    if ground is None:
+        ways: list[FloatArray | None] = [np.stack([here, places[:, goal]], axis=1) for goal in goals]
+    else:
+        ways = ground.paths(here, np.ascontiguousarray(places[:, goals]), over)
+    kept = [n for n, way in enumerate(ways) if way is not None and way.shape[1] > 1]
+    corners = tuple(way for way in ways if way is not None and way.shape[1] > 1)
+    poses = np.empty((len(kept), scales.steps, 4))
+    if corners:
+        ends = np.cumsum(np.array([0, *(way.shape[1] for way in corners)], dtype=np.int64))
+        _poses(np.hstack(corners), ends, pose, turns, poses)
+    return ActionSet(lengths[of[kept]], poses, corners)
 
 
 def evenly(corners: FloatArray, steps: int, pose: FloatArray, turns: bool) -> FloatArray:
@@ -121,7 +116,10 @@ def evenly(corners: FloatArray, steps: int, pose: FloatArray, turns: bool) -> Fl
 
     A robot that turns has its yaw along the way where it arrives from, unless that goes straight up or down.
     """
-    return _poses(np.ascontiguousarray(corners), steps, pose, turns)
+    out = np.empty((1, steps, 4))
+    _poses(np.ascontiguousarray(corners), np.array([0, corners.shape[1]]), pose, turns, out)
+    poses: FloatArray = out[0]
+    return poses
 
 
 def part(corners: FloatArray, share: float) -> FloatArray:
@@ -139,12 +137,6 @@ def looks_along(vehicle: VehicleModel) -> bool:
     state = vehicle.initial_state(np.zeros(4))
     way = vehicle.predict(state, np.array([[0.0, 20.0, 0.0]]), 1.0)
     return abs(float(vehicle.pose(way.end_states[0])[3])) > TURNED
-
-
-def _paths(ground: Ground, here: FloatArray, goals: FloatArray, many: bool) -> list[FloatArray | None]:
-    if many:
-        return cast(ManyPaths, ground).paths(here, goals)
-    return [ground.path(here, np.array(goal)) for goal in goals.T]
 
 
 def _ring(pose: FloatArray, area: Area, length: float) -> FloatArray:
@@ -172,53 +164,77 @@ def _turn_to(places: FloatArray, pose: FloatArray) -> FloatArray:
 
 
 @kernel
-def _spread(places: FloatArray, radius: float) -> IntArray:
-    """Columns of places (d, n): the goals of Algorithm 1, steps 3 and 5-10."""
+def _goals(
+    places: FloatArray,
+    metres: FloatArray,
+    lengths: FloatArray,
+    slack: float,
+    spread: float,
+    farthest: float,
+) -> tuple[IntArray, IntArray]:
+    """Columns of places (d, n) that are goals, and the number of the length scale of each: Algorithm 1.
+
+    Places within `slack` of a scale's length are its P of step 2; steps 3 and 5-10 choose among them.
+    """
     d, n = places.shape
-    left = np.ones(n, dtype=np.bool_)
-    nearest = np.full(n, np.inf)  # to any goal so far
-    chosen = np.empty(n, dtype=np.int64)
-    count, goal = 0, 0
-    while goal >= 0 and n > 0:
-        chosen[count] = goal
-        count += 1
-        left[goal] = False
-        following = -1
+    left, nearest = np.empty(n, np.bool_), np.empty(n)
+    chosen, of = np.empty(lengths.size * n, np.int64), np.empty(lengths.size * n, np.int64)
+    count = 0
+    for s in range(lengths.size):
+        goal, before = -1, count
         for i in range(n):
-            if left[i]:
-                square = 0.0
-                for axis in range(d):
-                    square += (places[axis, i] - places[axis, goal]) ** 2
-                nearest[i] = min(nearest[i], square)
-                left[i] = square >= radius * radius
-            if left[i] and (following < 0 or nearest[i] < nearest[following]):
-                following = i
-        goal = following
-    return chosen[:count]
+            left[i] = abs(metres[i] - lengths[s]) <= slack
+            nearest[i] = np.inf  # to any goal so far
+            if left[i] and goal < 0:
+                goal = i
+        radius = spread * lengths[s]
+        while goal >= 0:
+            chosen[count], of[count] = goal, s
+            count += 1
+            left[goal] = False
+            following = -1
+            for i in range(n):
+                if left[i]:
+                    square = 0.0
+                    for axis in range(d):
+                        square += (places[axis, i] - places[axis, goal]) ** 2
+                    nearest[i] = min(nearest[i], square)
+                    left[i] = square >= radius * radius
+                if left[i] and (following < 0 or nearest[i] < nearest[following]):
+                    following = i
+            goal = following
+        if count == before and (count > 0 or lengths[s] > farthest):
+            break  # the area has nothing that far
+    return chosen[:count].copy(), of[:count].copy()
 
 
 @kernel
-def _poses(corners: FloatArray, steps: int, pose: FloatArray, turns: bool) -> FloatArray:
-    """Poses (steps, 4) evenly spaced along a way (d, k), the last at its end."""
-    d, k = corners.shape
-    along = np.zeros(k)
-    for c in range(1, k):
-        square = 0.0
-        for axis in range(d):
-            square += (corners[axis, c] - corners[axis, c - 1]) ** 2
-        along[c] = along[c - 1] + np.sqrt(square)
-    out = np.empty((steps, 4))
-    leg = 1
-    for t in range(steps):
-        at = along[k - 1] * (t + 1) / steps
-        while leg < k - 1 and along[leg] < at * (1.0 - 1e-12):
-            leg += 1
-        length = along[leg] - along[leg - 1]
-        share = min(1.0, (at - along[leg - 1]) / length) if length > 0.0 else 1.0
-        out[t] = pose
-        for axis in range(d):
-            out[t, axis] = corners[axis, leg - 1] + share * (corners[axis, leg] - corners[axis, leg - 1])
-        east, north = corners[0, leg] - corners[0, leg - 1], corners[1, leg] - corners[1, leg - 1]
-        if turns and (east != 0.0 or north != 0.0):
-            out[t, 3] = np.arctan2(north, east)
-    return out
+def _poses(corners: FloatArray, ends: IntArray, pose: FloatArray, turns: bool, out: FloatArray) -> None:
+    """Poses `out` (a, T, 4) evenly spaced along ways (d, k), the last at its end.
+
+    Way i has the corners ends[i]:ends[i + 1].
+    """
+    d, steps = corners.shape[0], out.shape[1]
+    along = np.zeros(corners.shape[1])
+    for i in range(len(out)):
+        first, last = ends[i], ends[i + 1] - 1
+        along[first] = 0.0
+        for c in range(first + 1, last + 1):
+            square = 0.0
+            for axis in range(d):
+                square += (corners[axis, c] - corners[axis, c - 1]) ** 2
+            along[c] = along[c - 1] + np.sqrt(square)
+        leg = first + 1
+        for t in range(steps):
+            at = along[last] * (t + 1) / steps
+            while leg < last and along[leg] < at * (1.0 - 1e-12):
+                leg += 1
+            length = along[leg] - along[leg - 1]
+            share = min(1.0, (at - along[leg - 1]) / length) if length > 0.0 else 1.0
+            out[i, t] = pose
+            for axis in range(d):
+                step = corners[axis, leg] - corners[axis, leg - 1]
+                out[i, t, axis] = corners[axis, leg - 1] + share * step
+            east, north = corners[0, leg] - corners[0, leg - 1], corners[1, leg] - corners[1, leg - 1]
+            if turns and (east != 0.0 or north != 0.0):
+                out[i, t, 3] = np.arctan2(north, east)

@@ -38,8 +38,9 @@ def no_detection(detection: FloatArray, weights: FloatArray, clutter: FloatArray
         ValueError: if a shape does not fit, a number is out of its range, or there are too many events.
     """
     detection, weights, clutter = checked(detection, weights, clutter)
-    table = _no_detection(detection, weights, clutter)
-    return np.asarray(np.exp(table))
+    table = subset_sums(np.ascontiguousarray(detection.T), weights)
+    empty_sets(table, clutter)
+    return table
 
 
 def outcome_probabilities(detection: FloatArray, weights: FloatArray, clutter: FloatArray) -> FloatArray:
@@ -83,32 +84,19 @@ def checked(
 
 
 @kernel
-def products(detection: FloatArray, weights: FloatArray) -> FloatArray:
-    """(n, 2^m) weights times prod_{i in U} (-detection_i), for every subset U of the m events."""
-    m, n = detection.shape
-    out = np.zeros((n, 1 << m))
-    for x in range(n):
-        out[x, 0] = weights[x]
-        for i in range(m):
-            d = detection[i, x]
-            if d != 0.0:
-                half = 1 << i
-                for u in range(half):
-                    out[x, half + u] = -out[x, u] * d
-    return out
+def subset_sums(detection: FloatArray, weights: FloatArray) -> FloatArray:
+    """B(U) (2^m,) of events with p_D (n, m), 0 for the empty set.
 
-
-@kernel
-def _no_detection(detection: FloatArray, weights: FloatArray, clutter: FloatArray) -> FloatArray:
-    """ln Z (2^m,). A point is multiplied out over the subsets of those events only that see it."""
-    m, n = detection.shape
+    A point is multiplied out over the subsets of those events only that see it.
+    """
+    n, m = detection.shape
     table = np.zeros(1 << m)
     values, subsets = np.empty(1 << m), np.empty(1 << m, dtype=np.int64)
     for x in range(n):
         values[0], subsets[0] = weights[x], 0
         filled = 1
         for i in range(m):
-            d = detection[i, x]
+            d = detection[x, i]
             if d != 0.0:
                 for u in range(filled):
                     values[filled + u] = -values[u] * d
@@ -116,9 +104,24 @@ def _no_detection(detection: FloatArray, weights: FloatArray, clutter: FloatArra
                 filled *= 2
         for u in range(1, filled):
             table[subsets[u]] += values[u]
+    return table
+
+
+@kernel
+def entropy_of_table(table: FloatArray, clutter: FloatArray) -> float:
+    """H[Y] from B(U) in `table` (2^m,), which is used up."""
+    empty_sets(table, clutter)
+    moebius(table)
+    return surprise(table)
+
+
+@kernel
+def empty_sets(table: FloatArray, clutter: FloatArray) -> None:
+    """B(U) (2^m,) becomes Z(S), in place."""
     zeta(table)
     subtract_clutter(table, clutter)
-    return table
+    for s in range(table.size):
+        table[s] = np.exp(table[s])
 
 
 @kernel

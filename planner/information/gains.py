@@ -1,107 +1,146 @@
 """The information of many actions at once: what they share is worked out once.
 
-Of each action's T events only two things are needed: for every subset U of them, prod_{i in U} (-d_i) at
-each point (`entropy.products`), and what the events' conditional entropies add up to. Both are computed once
-per action and used in every joint action that it is part of. A joint action's table of B(U), U a subset of
-all robots' events, is then made of dot products over the points that both what is fixed and the action see.
+Of each action's T events only two things are needed: for every subset V of them, prod_{i in V} (-d_i) at
+each point that they see, and what the events' conditional entropies add up to. Both are computed once per
+action and used in every joint action that it is part of. Of the events that are decided, the table of B(U)
+(`entropy`) over their subsets is kept. Of both together, B(U + V) is a sum over those points only that both
+see; without such points they are independent, and their entropies add up.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.arrays import BoolArray, FloatArray, IntArray
+from estimator.arrays import FloatArray, IntArray, ShortArray
 from estimator.kernels import kernel
 from planner.information.conditional import conditional_kernel
-from planner.information.entropy import moebius, products, subtract_clutter, surprise, zeta
+from planner.information.entropy import entropy_of_table, subset_sums
 
 
 @dataclass(frozen=True, slots=True)
 class Options:
     """a actions of one robot, of T events each, over n points."""
 
-    terms: FloatArray  # (a, n, 2^T) prod of -p_D over each subset of events
-    seen: BoolArray  # (a, n) whether any event of the action sees the point
-    sums: FloatArray  # (a, 2^T) `terms` times the weights, summed over the points
+    offsets: IntArray  # (a + 1,) action i sees the points offsets[i]:offsets[i + 1] of the next two
+    points: ShortArray  # (total,) numbers of points that an action sees
+    factors: FloatArray  # (total, 2^T) prod of -p_D over each subset of its events
+    sums: FloatArray  # (a, 2^T) `factors` times the weights, summed over the points; 0 for the empty set
     clutter: FloatArray  # (T,) mu of each event
-    given: FloatArray  # (a,) H[y | X] of all its events
+    alone: FloatArray  # (a,) H[y] of its events
+    given: FloatArray  # (a,) H[y | X] of its events
     error: FloatArray  # (a,) by which `given` may be off
 
     @property
     def size(self) -> int:
-        return len(self.terms)
+        return len(self.given)
 
-    def detection(self, index: int) -> FloatArray:
-        """p_D (T, n) of one action's events."""
-        single = 1 << np.arange(self.clutter.size)
-        return np.ascontiguousarray(-self.terms[index][:, single].T)
+    def detection(self, index: int, points: int) -> FloatArray:
+        """p_D (T, n) of one action's events at all of n points."""
+        rows = slice(self.offsets[index], self.offsets[index + 1])
+        out = np.zeros((self.clutter.size, points))
+        out[:, self.points[rows]] = -self.factors[rows][:, 1 << np.arange(self.clutter.size)].T
+        return out
+
+    def only(self, rows: IntArray) -> "Options":
+        """Some of the actions, in this order."""
+        counts = np.diff(self.offsets)[rows]
+        ends = np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(counts)])
+        kept = np.arange(ends[-1]) + np.repeat(self.offsets[rows] - ends[:-1], counts)
+        return Options(
+            ends,
+            self.points[kept],
+            self.factors[kept],
+            self.sums[rows],
+            self.clutter,
+            self.alone[rows],
+            self.given[rows],
+            self.error[rows],
+        )
 
 
 @dataclass(frozen=True, slots=True)
 class Fixed:
     """k events that are decided, over n points."""
 
-    terms: FloatArray  # (n, 2^k) weights times prod of -p_D over each subset
+    detection: FloatArray  # (n, k) p_D
+    weights: FloatArray  # (n,)
     clutter: FloatArray  # (k,)
+    sums: FloatArray  # (2^k,) B of each subset, 0 for the empty one
+    alone: float  # H[y] of them all
     given: float  # H[y | X] of them all
     error: float = 0.0  # by which `given` may be off
 
     @staticmethod
-    def none(weights: FloatArray) -> "Fixed":
-        """Nothing is decided."""
-        return Fixed(weights[:, None].copy(), np.zeros(0), 0.0)
-
-    @staticmethod
     def of(detection: FloatArray, weights: FloatArray, clutter: FloatArray, terms: int) -> "Fixed":
         """Events with p_D (k, n) and mu (k,)."""
-        stated, low, high = conditional_kernel(detection, weights, clutter, terms)
-        given = float((stated - 0.5 * (low + high)).sum())
-        return Fixed(products(detection, weights), clutter, given, float(0.5 * (high - low).sum()))
+        turned = np.ascontiguousarray(detection.T)
+        sums, alone, given, error = _fixed(turned, weights, clutter, terms)
+        return Fixed(turned, weights, clutter, sums, alone, given, error)
 
     def with_action(self, options: Options, index: int) -> "Fixed":
         """One robot's action is decided too; its events' bits follow."""
-        joined = options.terms[index][:, :, None] * self.terms[:, None, :]
+        clutter = np.append(self.clutter, options.clutter)
+        first, last = options.offsets[index], options.offsets[index + 1]
+        points, factors = options.points[first:last], options.factors[first:last]
+        detection, sums, alone = _together(
+            self.detection, self.weights, self.sums, clutter, points, factors, options.sums[index]
+        )
         return Fixed(
-            np.ascontiguousarray(joined.reshape(len(joined), -1)),
-            np.append(self.clutter, options.clutter),
+            detection,
+            self.weights,
+            clutter,
+            sums,
+            alone,
             self.given + float(options.given[index]),
             self.error + float(options.error[index]),
         )
 
-    def entropy(self) -> float:
-        """H[Y] of what is decided."""
-        return float(_fixed_entropy(self.terms, self.clutter))
-
     @property
     def information(self) -> float:
         """I[X; Y] of what is decided."""
-        return self.entropy() - self.given
+        return self.alone - self.given
 
 
 def options(detection: FloatArray, weights: FloatArray, clutter: FloatArray, terms: int) -> Options:
     """Actions with p_D (a, T, n) and mu (T,) of each event."""
-    made, sums, given, error = _options(detection, weights, clutter, terms)
-    return Options(made, np.asarray((detection > 0.0).any(axis=1)), sums, clutter, given, error)
+    offsets, points, factors, sums, alone, given, error = _options(detection, weights, clutter, terms)
+    return Options(offsets, points, factors, sums, clutter, alone, given, error)
 
 
 def joined(parts: list[Options]) -> Options:
     """All actions of several sets of the same robot, in their order."""
+    if len(parts) == 1:
+        return parts[0]
+    counts = np.concatenate([np.diff(part.offsets) for part in parts])
     return Options(
-        np.concatenate([p.terms for p in parts]),
-        np.concatenate([p.seen for p in parts]),
-        np.concatenate([p.sums for p in parts]),
+        np.concatenate([np.zeros(1, dtype=np.int64), np.cumsum(counts)]),
+        np.concatenate([part.points for part in parts]),
+        np.concatenate([part.factors for part in parts]),
+        np.concatenate([part.sums for part in parts]),
         parts[0].clutter,
-        np.concatenate([p.given for p in parts]),
-        np.concatenate([p.error for p in parts]),
+        np.concatenate([part.alone for part in parts]),
+        np.concatenate([part.given for part in parts]),
+        np.concatenate([part.error for part in parts]),
     )
 
 
-def information(fixed: Fixed, some: Options, rows: IntArray | None = None) -> FloatArray:
-    """(a,) I[X; Y] of what is fixed together with each action, or with those of some rows only."""
-    rows = np.arange(some.size) if rows is None else rows
-    bits = np.append(fixed.clutter, some.clutter)
-    h = _entropies(fixed.terms, bits, some.terms, some.seen, some.sums, rows)
-    return np.asarray(h - fixed.given - some.given[rows])
+def information(fixed: Fixed, some: Options, first: int = 0, last: int | None = None) -> FloatArray:
+    """(a,) I[X; Y] of what is fixed together with each action, or with those numbered `first` to `last`."""
+    rows = slice(first, some.size if last is None else last)
+    alone = some.alone[rows].copy()
+    _entropies(
+        fixed.detection,
+        fixed.weights,
+        fixed.sums,
+        fixed.alone,
+        np.append(fixed.clutter, some.clutter),
+        some.offsets[rows.start : rows.stop + 1],
+        some.points,
+        some.factors,
+        some.sums[rows],
+        alone,
+    )
+    return np.asarray(alone - fixed.given - some.given[rows])
 
 
 def nearest_first(detection: FloatArray, points: FloatArray, weights: FloatArray, at: FloatArray) -> IntArray:
@@ -113,84 +152,150 @@ def nearest_first(detection: FloatArray, points: FloatArray, weights: FloatArray
 @kernel
 def _options(
     detection: FloatArray, weights: FloatArray, clutter: FloatArray, terms: int
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+) -> tuple[IntArray, ShortArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     a, t, n = detection.shape
-    made, sums = np.empty((a, n, 1 << t)), np.zeros((a, 1 << t))
-    given, error = np.empty(a), np.empty(a)
-    ones = np.ones(n)
+    offsets = np.zeros(a + 1, np.int64)
     for i in range(a):
-        made[i] = products(detection[i], ones)
+        offsets[i + 1] = offsets[i]
         for x in range(n):
-            for u in range(1 << t):
-                sums[i, u] += made[i, x, u] * weights[x]
+            most = 0.0
+            for e in range(t):
+                most = max(most, detection[i, e, x])
+            if most > 0.0 and weights[x] > 0.0:
+                offsets[i + 1] += 1
+    points, factors = np.empty(offsets[a], np.int32), np.empty((offsets[a], 1 << t))
+    sums, given, error, alone = np.zeros((a, 1 << t)), np.empty(a), np.empty(a), np.empty(a)
+    table, at = np.empty(1 << t), 0
+    for i in range(a):
+        for x in range(n):
+            most = 0.0
+            for e in range(t):
+                most = max(most, detection[i, e, x])
+            if not (most > 0.0 and weights[x] > 0.0):
+                continue
+            points[at], factors[at, 0] = x, 1.0
+            for e in range(t):
+                for u in range(1 << e):
+                    factors[at, (1 << e) + u] = -factors[at, u] * detection[i, e, x]
+            for u in range(1, 1 << t):
+                sums[i, u] += weights[x] * factors[at, u]
+            at += 1
         stated, low, high = conditional_kernel(detection[i], weights, clutter, terms)
         given[i] = (stated - 0.5 * (low + high)).sum()
         error[i] = 0.5 * (high - low).sum()
-    return made, sums, given, error
+        table[:] = sums[i]
+        alone[i] = entropy_of_table(table, clutter)
+    return offsets, points, factors, sums, alone, given, error
 
 
 @kernel
-def _alone(fixed: FloatArray) -> FloatArray:
-    """B(U) (2^k,) of `fixed` (n, 2^k); 0 for the empty set, which says nothing."""
-    table = np.zeros(fixed.shape[1])
-    for x in range(fixed.shape[0]):
-        for u in range(table.size):
-            table[u] += fixed[x, u]
-    table[0] = 0.0
-    return table
+def _fixed(
+    detection: FloatArray, weights: FloatArray, clutter: FloatArray, terms: int
+) -> tuple[FloatArray, float, float, float]:
+    """B(U) (2^k,), H[y], H[y | X] and its error of events with p_D (n, k)."""
+    sums = subset_sums(detection, weights)
+    stated, low, high = conditional_kernel(detection.T.copy(), weights, clutter, terms)
+    given = (stated - 0.5 * (low + high)).sum()
+    return sums, entropy_of_table(sums.copy(), clutter), given, 0.5 * (high - low).sum()
 
 
 @kernel
-def _fixed_entropy(fixed: FloatArray, clutter: FloatArray) -> float:
-    return _entropy_of(_alone(fixed), clutter)
+def _join(
+    detection: FloatArray,
+    weights: FloatArray,
+    sums: FloatArray,
+    points: ShortArray,
+    factors: FloatArray,
+    own: FloatArray,
+    values: FloatArray,
+    subsets: IntArray,
+    table: FloatArray,
+) -> bool:
+    """B of decided events' subsets with an action's in `table` (2^(k + T),); whether they share a point.
+
+    If they do not, the table is left as it was.
+
+    Of the decided events: p_D (n, k), weights (n,), B (2^k,). Of the action: points, factors, B (2^T,).
+    values, subsets: (2^k,), to work in.
+    """
+    base, k = sums.size, detection.shape[1]
+    shared = False
+    for e in range(points.size):
+        x = points[e]
+        filled = 1
+        values[0], subsets[0] = weights[x], 0
+        for i in range(k):
+            d = detection[x, i]
+            if d != 0.0:
+                for u in range(filled):
+                    values[filled + u] = -values[u] * d
+                    subsets[filled + u] = subsets[u] | (1 << i)
+                filled *= 2
+        if filled == 1:
+            continue
+        if not shared:
+            shared = True
+            table[:base] = sums
+            for v in range(1, own.size):
+                table[v * base] = own[v]
+                table[v * base + 1 : (v + 1) * base] = 0.0
+        for v in range(1, own.size):
+            factor, place = factors[e, v], v * base
+            if factor == 0.0:
+                continue
+            if filled == base:
+                for u in range(1, base):
+                    table[place + u] += factor * values[u]
+            else:
+                for u in range(1, filled):
+                    table[place + subsets[u]] += factor * values[u]
+    return shared
 
 
 @kernel
-def _entropy_of(table: FloatArray, clutter: FloatArray) -> float:
-    """H[Y] from B(U) in `table` (2^m,), which is used up."""
-    zeta(table)
-    subtract_clutter(table, clutter)
-    for s in range(table.size):
-        table[s] = np.exp(table[s])
-    moebius(table)
-    return surprise(table)
+def _together(
+    detection: FloatArray,
+    weights: FloatArray,
+    sums: FloatArray,
+    clutter: FloatArray,
+    points: ShortArray,
+    factors: FloatArray,
+    own: FloatArray,
+) -> tuple[FloatArray, FloatArray, float]:
+    """p_D (n, k + T), B (2^(k + T),) and H[y] of decided events and an action."""
+    base, k, t = sums.size, detection.shape[1], clutter.size - detection.shape[1]
+    both = np.zeros((detection.shape[0], k + t))
+    both[:, :k] = detection
+    for e in range(points.size):
+        for i in range(t):
+            both[points[e], k + i] = -factors[e, 1 << i]
+    table = np.zeros(base * own.size)
+    values, subsets = np.empty(base), np.empty(base, np.int64)
+    if not _join(detection, weights, sums, points, factors, own, values, subsets, table):
+        table[:base] = sums
+        table[base::base] = own[1:]
+    return both, table, entropy_of_table(table.copy(), clutter)
 
 
 @kernel
 def _entropies(
-    fixed: FloatArray,
-    clutter: FloatArray,
-    terms: FloatArray,
-    seen: BoolArray,
+    detection: FloatArray,
+    weights: FloatArray,
     sums: FloatArray,
-    rows: IntArray,
-) -> FloatArray:
-    """H[Y] (r,) of the events in `fixed` (n, 2^k) with each of the actions `rows` of `terms` (a, n, 2^T)."""
-    n, base = fixed.shape
-    own = terms.shape[2]
-    alone = _alone(fixed)
-    touched = np.zeros(n, dtype=np.bool_)
-    for x in range(n):
-        bit = 1
-        while bit < base:  # single events tell which points are seen at all
-            touched[x] |= fixed[x, bit] != 0.0
-            bit *= 2
-    table = np.empty(base * own)
-    out = np.empty(rows.size)
-    for r in range(rows.size):
-        i = rows[r]
-        table[:base] = alone
-        for v in range(1, own):
-            table[v * base] = sums[i, v]
-            table[v * base + 1 : (v + 1) * base] = 0.0
-        for x in range(n):
-            if not (touched[x] and seen[i, x]):
-                continue
-            for v in range(1, own):
-                factor = terms[i, x, v]
-                if factor != 0.0:
-                    place = v * base
-                    for u in range(1, base):
-                        table[place + u] += factor * fixed[x, u]
-        out[r] = _entropy_of(table, clutter)
-    return out
+    entropy: float,
+    clutter: FloatArray,
+    offsets: IntArray,
+    points: ShortArray,
+    factors: FloatArray,
+    own: FloatArray,
+    alone: FloatArray,
+) -> None:
+    """`alone` (a,), H[y] of each action's events, becomes that of theirs with the decided ones."""
+    table = np.empty(sums.size * own.shape[1])
+    values, subsets = np.empty(sums.size), np.empty(sums.size, np.int64)
+    for i in range(alone.size):
+        rows = slice(offsets[i], offsets[i + 1])
+        if _join(detection, weights, sums, points[rows], factors[rows], own[i], values, subsets, table):
+            alone[i] = entropy_of_table(table, clutter)
+        else:
+            alone[i] += entropy

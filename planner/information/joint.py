@@ -8,21 +8,48 @@ actions are more than `max_joint`, or robot-steps more than `exact_steps`, 0 and
 A robot's action that would meet another robot gives way to its next best, given the others' actions.
 """
 
-from dataclasses import replace
+import math
+from dataclasses import dataclass, replace
 from math import prod
 from typing import ClassVar
 
 import numpy as np
 
-from estimator.arrays import FloatArray
+from estimator.arrays import FloatArray, IntArray
 from planner.deadline import Deadline
+from planner.information.actions import ActionSet
 from planner.information.config import JointConfig
-from planner.information.gains import Options, information, joined
-from planner.information.single import LEAST, MODES_BY_SCALE, RANDOM, Chosen, MutualInformation, Reach
-from planner.information.team import Events, Joint, Rules, decided, enumerated, in_turn
-from planner.plan import Commitment, Plan, PlannerSetup, PlanProblem
+from planner.information.events import Events, committed
+from planner.information.following import LEAST, Chosen, in_order
+from planner.information.gains import Options, joined, nearest_first
+from planner.information.single import MODES_BY_SCALE, RANDOM, MutualInformation
+from planner.information.team import Joint, Rules, decided, enumerated, in_turn
+from planner.maasi.maasi import unplannable
+from planner.plan import Commitment, Plan, PlannerSetup, PlanProblem, Trajectory
 
 AT_ONCE = (0, 1)
+EVALUATION = 0.6  # of the time there is may go into the robots' actions; the rest is for choosing
+
+
+@dataclass(frozen=True, slots=True)
+class Member:
+    """A robot that is planned for, with those of its actions that there was time for."""
+
+    number: int  # of its problem
+    problem: PlanProblem
+    place: FloatArray  # (d,) where it is
+    actions: ActionSet
+    rows: IntArray  # (r,) numbers of the actions that the options are of
+    options: Options
+
+    def only(self, rows: IntArray) -> "Member":
+        """With some of its options."""
+        return replace(self, rows=self.rows[rows], options=self.options.only(rows))
+
+    @property
+    def lengths(self) -> FloatArray:
+        """(r,) metres of each option's length scale."""
+        return self.actions.lengths[self.rows]
 
 
 class MutualInformationJoint(MutualInformation):
@@ -40,155 +67,160 @@ class MutualInformationJoint(MutualInformation):
         The intensity, the others' commitments and the deadline are those of the first problem that can be
         planned for: a centre has one of each.
         """
-        plans: dict[int, Plan] = {}
-        first: tuple[PlanProblem, Deadline, FloatArray, FloatArray] | None = None
-        reaches: dict[int, list[Reach]] = {}
-        for number, problem in enumerate(problems):
-            if np.isnan(problem.deadline_s):
-                plans[number] = Plan(None, "holds: its deadline is not a number")
+        plans = {number: Plan(None, unplannable(p, self.setup)) for number, p in enumerate(problems)}
+        some = [number for number, plan in plans.items() if not plan.reason]
+        if not some:
+            return tuple(plans.values())
+        first = problems[some[0]]
+        deadline = self.deadline(first.deadline_s)
+        choosing = deadline.less(len(some) * self.following.reserve.seconds)
+        team: list[Member] = []
+        points, weights = np.zeros((0, 0)), np.zeros(0)
+        for done, number in enumerate(some):
+            found, *thinned = self.prepared(problems[number])
+            if found is not None:
+                plans[number] = found
                 continue
-            awkward, points, weights = self.prepared(problem)
-            if awkward is not None:
-                plans[number] = awkward
-                continue
-            if first is None:
-                first = problem, Deadline(problem.deadline_s), points, weights
-            _, deadline, points, weights = first
-            reaches[number] = list(self.reach(problem, points, weights, deadline))
-            if not reaches[number]:
-                plans[number] = self._nowhere(problem, deadline)
-                del reaches[number]
-        if first is not None and reaches:
-            plans.update(self._together(problems, reaches, *first))
-        return tuple(plans[number] for number in range(len(problems)))
+            if not points.size:
+                first, (points, weights) = problems[number], thinned
+            left, until = choosing.left(), choosing
+            if math.isfinite(left):
+                until = choosing.less((1.0 - EVALUATION / (len(some) - done)) * left)
+            member = self._member(number, problems[number], points, weights, until)
+            if isinstance(member, Plan):
+                plans[number] = member
+            else:
+                team.append(member)
+        if team:
+            plans.update(self._together(problems, team, first, points, weights, choosing, deadline))
+        return tuple(plans.values())
+
+    def _member(
+        self,
+        number: int,
+        problem: PlanProblem,
+        points: FloatArray,
+        weights: FloatArray,
+        deadline: Deadline,
+    ) -> Member | Plan:
+        """A robot with its actions, or its plan if it has none."""
+        parts = list(self.reaches.parts(problem, points, weights, deadline))
+        if not parts or not parts[0].actions.corners:
+            return self.nowhere(problem, late=not parts)
+        place = self.setup.vehicles[problem.robot].pose(problem.state)[: len(points)]
+        rows = np.concatenate([part.rows for part in parts])
+        options = joined([part.options for part in parts])
+        return Member(number, problem, place, parts[0].actions, rows, options)
 
     def _together(
         self,
         problems: tuple[PlanProblem, ...],
-        reaches: dict[int, list[Reach]],
+        team: list[Member],
         first: PlanProblem,
-        deadline: Deadline,
         points: FloatArray,
         weights: FloatArray,
+        choosing: Deadline,
+        deadline: Deadline,
     ) -> dict[int, Plan]:
         config = self.config
         rules = Rules(points, weights, config.taylor_terms, config.exact_steps)
-        team = [problems[number] for number in reaches]
         planning = tuple(problem.robot for problem in problems)
-        events = Events(*self.events(first, points, planning))
-        places = [self.setup.vehicles[p.robot].pose(p.state)[: len(points)] for p in team]
-        sets = list(reaches.values())
-        kinds = self._kinds(sets)
-        best: tuple[Joint, list[Options], list[list[tuple[int, int]]]] | None = None
-        for kind in kinds:
-            options = [
-                joined([robot[s].options for s in scales]) for robot, scales in zip(sets, kind, strict=True)
-            ]
-            names = [
-                [(s, i) for s in scales for i in range(robot[s].options.size)]
-                for robot, scales in zip(sets, kind, strict=True)
-            ]
-            joint = self._joint(options, events, places, rules, first.seed, deadline)
+        events = committed(first, self.setup, points, config.steps, planning, choosing.over)
+        best: tuple[Joint, list[Member]] | None = None
+        for some in self._kinds(team):
+            joint = self._joint(some, events, rules, first.seed, choosing)
             if best is None or joint.information.value > best[0].information.value:
-                best = joint, options, names
-            if deadline.over():
+                best = joint, some
+            if choosing.over():
                 break
         assert best is not None  # there is at least one kind
-        return self._followed(problems, reaches, *best, events, places, rules, deadline)
+        joint, team = best
+        if not joint.information.exact and math.isinf(deadline.seconds):
+            whole = decided([member.options for member in team], joint.choice, events)
+            joint = replace(joint, information=rules.of(whole))
+        return self._followed(problems, team, joint, events, rules, deadline)
 
-    def _kinds(self, sets: list[list[Reach]]) -> list[list[list[int]]]:
-        """Which length scales each robot may choose from, for each choice to be made and compared."""
-        every = [list(range(len(robot))) for robot in sets]
+    def _kinds(self, team: list[Member]) -> list[list[Member]]:
+        """The team with the length scales that it may choose from, for each choice that is compared."""
         if self.config.mode not in MODES_BY_SCALE:
-            return [every]
-        lengths = [{reach.actions.length: s for s, reach in enumerate(robot)} for robot in sets]
-        common = sorted(set.intersection(*(set(robot) for robot in lengths)))
-        return [[[robot[length]] for robot in lengths] for length in common] or [every]
+            return [team]
+        lengths = [set(np.unique(member.lengths).tolist()) for member in team]
+        return [
+            [member.only(np.flatnonzero(member.lengths == length)) for member in team]
+            for length in sorted(set.intersection(*lengths))
+        ] or [team]
 
     def _joint(
-        self,
-        team: list[Options],
-        events: Events,
-        places: list[FloatArray],
-        rules: Rules,
-        seed: int,
-        deadline: Deadline,
+        self, team: list[Member], events: Events, rules: Rules, seed: int, deadline: Deadline
     ) -> Joint:
         config = self.config
+        options, places = [member.options for member in team], [member.place for member in team]
         if config.mode in RANDOM:
             rng = np.random.default_rng(seed)
-            choice = tuple(int(rng.integers(options.size)) for options in team)
-            return Joint(choice, rules.of(decided(team, choice, events)), 0)
+            choice = tuple(int(rng.integers(some.size)) for some in options)
+            view = rules.view(options, choice, 0, events, places[0], deadline.over)
+            if not np.isfinite(view.values[choice[0]]):
+                return Joint(choice, rules.of(events), 0, (None,) * len(team))
+            return Joint(choice, rules.told(view, options[0], choice[0]), 0, (None,) * len(team))
         steps = len(team) * config.steps
-        few = prod(options.size for options in team) <= config.max_joint and steps <= config.exact_steps
+        few = prod(some.size for some in options) <= config.max_joint and steps <= config.exact_steps
+        at_once = config.mode in AT_ONCE and few
         turns = None
-        if not (config.mode in AT_ONCE and few) or np.isfinite(deadline.seconds):
-            turns = in_turn(team, events, places, rules, config.cycles, deadline.over)
-            if not (config.mode in AT_ONCE and few) or deadline.over():
+        if not at_once or math.isfinite(deadline.seconds):
+            turns = in_turn(options, events, places, rules, config.cycles, deadline.over)
+            if not at_once or deadline.over():
                 return turns
-        room = config.exact_steps - steps
-        middle = np.mean(places, axis=0)
-        near = np.sort(rules.order(events, middle)[:room])
-        some = Events(np.ascontiguousarray(events.detection[near]), events.clutter[near])
-        found = enumerated(team, some, rules, deadline.over)
+        near = events
+        if len(events.clutter) > config.exact_steps - steps:
+            order = nearest_first(events.detection, rules.points, rules.weights, np.mean(places, axis=0))
+            near = events.only(np.sort(order[: config.exact_steps - steps]))
+        found = enumerated(options, near, rules, deadline.over)
         if found is None or (turns is not None and turns.information.value > found.information.value):
             assert turns is not None
             return turns
-        return (
-            found
-            if near.size == len(events.clutter)
-            else replace(found, information=rules.of(decided(team, found.choice, events)))
-        )
+        if near is events:
+            return found
+        view = rules.view(options, found.choice, 0, events, places[0], deadline.over)
+        return replace(found, information=rules.told(view, options[0], found.choice[0]))
 
     def _followed(
         self,
         problems: tuple[PlanProblem, ...],
-        reaches: dict[int, list[Reach]],
+        team: list[Member],
         joint: Joint,
-        team: list[Options],
-        names: list[list[tuple[int, int]]],
         events: Events,
-        places: list[FloatArray],
         rules: Rules,
         deadline: Deadline,
     ) -> dict[int, Plan]:
         """Plans of the joint action, each robot's around those before it; the others stand where they are."""
         plans: dict[int, Plan] = {}
         standing = {p.robot: self._standing(p) for p in problems if self._known(p)}
-        for r, number in enumerate(reaches):
-            problem = problems[number]
-            others = decided(team, [-1 if k == r else c for k, c in enumerate(joint.choice)], events)
-            fixed = rules.fixed(others, self.config.steps, places[r])
-            without = fixed.information
-            values = information(fixed, team[r])
-            order = sorted(range(team[r].size), key=lambda i: (i != joint.choice[r], -values[i]))
-            if self.config.mode not in RANDOM and values[joint.choice[r]] - without <= LEAST:
-                order = sorted(order, key=lambda i: -values[i])
+        options = [member.options for member in team]
+        for r, member in enumerate(team):
+            problem, choice = member.problem, joint.choice[r]
+            view = joint.views[r] or rules.view(options, joint.choice, r, events, member.place, deadline.over)
+            order = in_order(view.values)
+            worth = view.values[choice] - view.without > LEAST
+            if choice in order and (worth or self.config.mode in RANDOM):
+                order.remove(choice)
+                order.insert(0, choice)
             chosen = Chosen(
-                reaches[number],
-                [names[r][i] for i in order],
-                [float(values[i]) for i in order],
-                without,
+                member.actions,
+                [int(member.rows[i]) for i in order],
+                [float(view.values[i]) for i in order],
+                view.without,
                 joint.information.error,
                 f", with {len(team) - 1} others",
             )
             ways = tuple(standing[p.robot] for p in problems if p.robot in standing and p is not problem)
             apart = tuple(other for other in problem.others if other.robot not in standing)
-            plan = self.followed(replace(problem, others=apart + ways), chosen, deadline)
+            around = replace(problem, others=apart + ways)
+            plan = self.following.plan(around, chosen, deadline, pointless=self.config.mode in RANDOM)
             if plan.trajectory is not None:
-                way = plan.trajectory
-                standing[problem.robot] = Commitment(
-                    problem.robot,
-                    0,
-                    way.measure_times,
-                    way.measure_poses,
-                    way.times,
-                    way.poses,
-                    problem.measure_period,
-                )
+                standing[problem.robot] = _committed(problem, plan.trajectory)
                 terms = dict(plan.terms) | {"joint": joint.information.value, "cycles": float(joint.cycles)}
                 plan = replace(plan, terms=terms)
-            plans[number] = plan
+            plans[member.number] = plan
         return plans
 
     def _known(self, problem: PlanProblem) -> bool:
@@ -196,12 +228,12 @@ class MutualInformationJoint(MutualInformation):
 
     def _standing(self, problem: PlanProblem) -> Commitment:
         pose = self.setup.vehicles[problem.robot].pose(problem.state)
-        return Commitment(
-            problem.robot,
-            0,
-            np.zeros(0),
-            np.zeros((0, 4)),
-            np.array([problem.start_time]),
-            pose[None],
-            problem.measure_period,
-        )
+        none, start = np.zeros((0, 4)), np.array([problem.start_time])
+        return Commitment(problem.robot, 0, np.zeros(0), none, start, pose[None], problem.measure_period)
+
+
+def _committed(problem: PlanProblem, way: Trajectory) -> Commitment:
+    """A plan of this round, for those after it."""
+    return Commitment(
+        problem.robot, 0, way.measure_times, way.measure_poses, way.times, way.poses, problem.measure_period
+    )

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from estimator.filter import Area
-from planner.information.actions import ActionSet, Scales, action_sets, evenly, looks_along, part
+from planner.information.actions import ActionSet, Scales, action_set, evenly, looks_along, part
 from planner.vehicles.quadrotor import Quadrotor
 from planner.vehicles.unicycle import Unicycle
 
@@ -12,11 +12,16 @@ POSE = np.array([10.0, 7.0, 0.0, 0.5])
 
 
 def sets(pose: np.ndarray = POSE, area: Area = AREA) -> list[ActionSet]:
-    return list(action_sets(pose, area, SCALES, turns=True))
+    """Those of each length scale."""
+    found = action_set(pose, area, SCALES, turns=True)
+    return [
+        ActionSet(found.lengths[rows], found.poses[rows], tuple(found.corners[i] for i in rows))
+        for _, rows in found.scales
+    ]
 
 
 def test_scales_grow_from_the_first_until_the_area_has_no_place_left() -> None:
-    lengths = [s.length for s in sets()]
+    lengths = [s.lengths[0] for s in sets()]
     np.testing.assert_allclose(lengths, 3.0 * 1.2 ** np.arange(len(lengths)))
     assert lengths[-1] <= np.hypot(10, 7) < lengths[-1] * 1.2**2
 
@@ -24,10 +29,10 @@ def test_scales_grow_from_the_first_until_the_area_has_no_place_left() -> None:
 def test_goals_lie_at_their_length_in_the_area_and_apart() -> None:
     for actions in sets():
         goals = np.array([way[:, -1] for way in actions.corners])
-        np.testing.assert_allclose(np.linalg.norm(goals - POSE[:2], axis=1), actions.length)
+        np.testing.assert_allclose(np.linalg.norm(goals - POSE[:2], axis=1), actions.lengths[0])
         assert AREA.is_free(goals.T).all()
         gaps = np.linalg.norm(goals[:, None] - goals, axis=2) + 1e9 * np.eye(len(goals))
-        assert gaps.min() >= SCALES.spread * actions.length - 1e-9
+        assert gaps.min() >= SCALES.spread * actions.lengths[0] - 1e-9
 
 
 def test_every_place_of_a_scale_is_near_a_goal() -> None:
@@ -35,10 +40,10 @@ def test_every_place_of_a_scale_is_near_a_goal() -> None:
     for actions in sets():
         goals = np.array([way[:, -1] for way in actions.corners])
         angles = POSE[3] + 2 * np.pi * np.arange(48) / 48
-        ring = POSE[:2] + actions.length * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        ring = POSE[:2] + actions.lengths[0] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
         ring = ring[((ring >= AREA.low) & (ring <= AREA.high)).all(axis=1)]
         assert (
-            np.linalg.norm(ring[:, None] - goals, axis=2).min(axis=1) < SCALES.spread * actions.length
+            np.linalg.norm(ring[:, None] - goals, axis=2).min(axis=1) < SCALES.spread * actions.lengths[0]
         ).all()
 
 
@@ -66,7 +71,7 @@ def test_in_three_dimensions_goals_lie_on_a_sphere() -> None:
 
 @pytest.mark.parametrize("place", [[1e6, 0, 0, 0], [-50, -50, 0, 0]])
 def test_from_far_outside_there_is_no_action(place: list[float]) -> None:
-    assert all(s.length > 50 for s in sets(np.array(place, dtype=float)))
+    assert all(s.lengths[0] > 50 for s in sets(np.array(place, dtype=float)))
 
 
 def test_an_area_smaller_than_a_step_has_no_action() -> None:

@@ -4,11 +4,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from planner.information.events import Events
 from planner.information.gains import Fixed, information, options
 from planner.information.joint import MutualInformationJoint
 from planner.information.mutual import mutual_information
 from planner.information.single import MutualInformation
-from planner.information.team import Events, Rules, enumerated, in_turn
+from planner.information.team import Rules, enumerated, in_turn
 from planner.plan import Plan, PlannerSetup, PlanProblem
 from tests.planner import contract
 from tests.planner.information import brute
