@@ -15,7 +15,7 @@ import typer
 
 from agents.mission import Mission, TriggerTable
 from agents.mission_file import load
-from benchmarks.decentralisation import with_planner
+from sim.compare import with_planner
 from sim.simulate import parse_seeds, run_all
 from sim.statistics import mean_with_interval
 

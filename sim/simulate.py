@@ -20,13 +20,14 @@ from agents.mission_file import load
 from agents.rehearsal import rehearse_fusion, rehearse_robot
 from agents.run_directory import RunDirectory, write_json
 from agents.team import Team
+from sim.compare import ROWS, decentralisation, differences, flat, sentences, table, variants
 from sim.engine import Engine
-from sim.statistics import aggregate
+from sim.statistics import aggregate, means
 
 Summary = dict[str, Any]
 _rehearsed: list[bool] = []  # once per process
 
-_ROWS = (  # key of the aggregate, label, unit
+_PRINTED = (  # key of the aggregate, label, unit
     ("targets_found", "targets found", ""),
     ("false_found", "false targets", ""),
     ("time_to_all_found_s", "time to all found", "s"),
@@ -46,23 +47,71 @@ def simulate(
     json: Annotated[Path | None, typer.Option(help="Write all summaries and the aggregate here.")] = None,
     out: Annotated[Path | None, typer.Option(help="Keep a run directory per seed under this one.")] = None,
     duration: Annotated[float | None, typer.Option(min=0.001, help="Mission time limit, s.")] = None,
+    compare: Annotated[
+        str | None,
+        typer.Option(
+            metavar="PLANNER,...",
+            help="Run the same seeds with these planners too, and print the differences seed by seed.",
+        ),
+    ] = None,
 ) -> None:
     """Run a mission in virtual time for many seeds and print means with 95% intervals.
 
     The Robot and Fusion objects are those of the real processes; only clock and network are simulated.
 
+    With --compare every planner runs the same seeds, and differences from the mission's own planner are taken
+    seed by seed. Compared with its joint sibling (maasi with maasi_joint), a planner that decides each robot
+    for itself shows what decentralisation costs.
+
     \b
     Examples:
       searchparty simulate quickstart --seeds 0:20
       searchparty simulate missions/maasi_3d.toml --seeds 0:50 --jobs 2 --json maasi_3d.json
+      searchparty simulate maasi_3d --seeds 0:20 --compare maasi_joint,lawnmower
     """
     numbers = parse_seeds(seeds)
     resolved = load(mission, duration=duration)
-    runs = run_all(resolved, numbers, jobs or os.cpu_count() or 1, out)
+    chosen = {} if compare is None else variants(resolved, compare)
+    at_once = jobs or os.cpu_count() or 1
+    runs = run_all(resolved, numbers, at_once, out)
     total = aggregate(runs)
-    if json is not None:
-        write_json(json, {"runs": runs, "aggregate": total})
+    record: dict[str, Any] = {"runs": runs, "aggregate": total}
     _print(resolved, total)
+    if chosen:
+        record["compare"] = _compared(resolved, runs, chosen, numbers, at_once, out)
+    if json is not None:
+        write_json(json, record)
+
+
+def _compared(
+    mission: Mission,
+    runs: list[Summary],
+    chosen: dict[str, Mission],
+    seeds: list[int],
+    jobs: int,
+    out: Path | None,
+) -> dict[str, Any]:
+    """Run the other planners, print the comparison, and answer with its record for --json."""
+    own = mission.planner["kind"]
+    every = {own: runs}
+    for kind, variant in chosen.items():
+        if kind != own:
+            every[kind] = run_all(variant, seeds, jobs, out and out / kind)
+    keys = [key for key, _, _ in ROWS]
+    averages = {kind: means(flat(some), keys) for kind, some in every.items()}
+    console = Console()
+    console.print(table(mission.name, every, averages))
+    for sentence in sentences(every):
+        console.print(sentence, highlight=False)
+    others = {kind: some for kind, some in every.items() if kind != own}
+    return {
+        "base": own,
+        "means": averages,
+        "runs": others,
+        "aggregates": {kind: aggregate(some) for kind, some in others.items()},
+        "differences": differences(every),
+        "decentralisation": decentralisation(every),
+    }
 
 
 def parse_seeds(text: str) -> list[int]:
@@ -89,7 +138,8 @@ def run_all(mission: Mission, seeds: list[int], jobs: int, out: Path | None) -> 
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with ExitStack() as stack:
         progress = stack.enter_context(Progress(*columns, console=Console(stderr=True), transient=True))
-        task = progress.add_task(f"simulating {mission.name}", total=len(seeds))
+        title = f"simulating {mission.name} with {mission.planner['kind']}"
+        task = progress.add_task(title, total=len(seeds))
         runs = []
         if jobs == 1 or len(seeds) == 1:
             results = (run_one(mission, seed, out) for seed in seeds)
@@ -133,7 +183,7 @@ def _print(mission: Mission, total: dict[str, Any]) -> None:
     table = Table(title=f"{mission.name}: all found in {total['runs_all_found']} of {total['runs']} runs")
     for heading in ("", "mean", "95% interval", "least", "most"):
         table.add_column(heading, justify="left" if not heading else "right")
-    for key, label, unit in _ROWS:
+    for key, label, unit in _PRINTED:
         value = total[key]
         if value["mean"] is None:
             continue

@@ -48,3 +48,27 @@ def aggregate(runs: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         values = [run[name] for run in runs if run.get(name) is not None]
         result[name] = mean_with_interval(values)
     return result
+
+
+def means(runs: Sequence[Mapping[str, Any]], keys: Sequence[str]) -> dict[str, Any]:
+    """Of each key: the mean over the runs that have it."""
+    return {key: mean_with_interval([run[key] for run in runs if run.get(key) is not None]) for key in keys}
+
+
+def paired(
+    runs: Sequence[Mapping[str, Any]], others: Sequence[Mapping[str, Any]], keys: Sequence[str]
+) -> dict[str, Any]:
+    """Of each key: the mean of what a run has more than the other run of its seed, where both have it.
+
+    Raises:
+        ValueError: if the runs are not of the same seeds, in the same order.
+    """
+    if [run["seed"] for run in runs] != [other["seed"] for other in others]:
+        raise ValueError("others: expected runs of the same seeds in the same order")
+    both = list(zip(runs, others, strict=True))
+    return {
+        key: mean_with_interval(
+            [a[key] - b[key] for a, b in both if a.get(key) is not None and b.get(key) is not None]
+        )
+        for key in keys
+    }
