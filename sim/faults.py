@@ -10,7 +10,7 @@ from agents.seeds import generator
 from sim.conditions import NetworkConditions
 
 CALM = NetworkConditions()
-SLOWEST_S = 5.1  # the most that a message takes in any weather
+SLOWEST_S = 3.1  # the most that a message takes in any weather
 POINTS = {  # between which two actions a process may be killed
     "robot": ("before set", "after set", "before plan", "after plan", "before pose", "after pose"),
     "fusion": ("before store", "after store", "before posterior", "after posterior", "before picture"),
@@ -171,12 +171,12 @@ def weather(begin: float, end: float, rng: np.random.Generator) -> Weather:
     kinds = rng.random(6) < 0.4
     conditions = NetworkConditions(
         delay_s=float(rng.uniform(0.002, 0.1)),
-        jitter_s=float(rng.choice([0.001, 0.02, 0.2])),
+        jitter_s=float(rng.choice([0.001, 0.02, 0.1])),
         loss=float(rng.uniform(0.0, 0.6)) if kinds[0] else 0.0,
         burst=float(rng.uniform(2.0, 8.0)) if kinds[1] else 0.0,
         duplication=float(rng.uniform(0.0, 0.3)) if kinds[2] else 0.0,
         late=float(rng.uniform(0.0, 0.1)) if kinds[3] else 0.0,
-        late_s=float(rng.uniform(1.0, SLOWEST_S - 2.1)),
+        late_s=float(rng.uniform(0.5, SLOWEST_S - 1.1)),
         corruption=float(rng.uniform(0.0, 0.2)) if kinds[4] else 0.0,
         datagrams=bool(kinds[5]),
     )

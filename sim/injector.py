@@ -5,6 +5,8 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING, Literal
 
+import msgspec
+
 from agents.invariants.history import Places, RunHistory, Said, Size, Used
 from agents.messages import Message
 from agents.topics import HEALTH, PLAN, POSE, TOPICS, Topic
@@ -17,7 +19,7 @@ from sim.onlooker import Onlooker, Turn
 if TYPE_CHECKING:
     from sim.engine import Engine
 
-LOOK_S = 0.1  # between two looks at where the robots are
+LOOK_S = 0.2  # between two looks at where the robots are
 RESTART_S = 1.0  # until a process that ended by itself is started again
 
 
@@ -37,6 +39,7 @@ class Injector(Onlooker):
     def begin(self, engine: Engine) -> None:
         """Plan everything."""
         self._engine = engine
+        self._set_weather()
         for fault in self.schedule.faults:
             if isinstance(fault, f.Clock) and fault.at == 0.0:
                 self._strike(fault)
@@ -197,7 +200,8 @@ class Injector(Onlooker):
     def _set_weather(self) -> None:
         """The last that began holds. What may be lost for good, and what only comes later, is told."""
         conditions = self._weather[-1] if self._weather else f.CALM
-        self._engine.network.conditions = conditions
+        lease_s = self.history.mission.link.lease_s
+        self._engine.network.conditions = msgspec.structs.replace(conditions, lease_s=lease_s)
         lost = conditions.corruption + (conditions.loss if conditions.datagrams else 0.0)
         now = self._now()
         if lost:

@@ -115,6 +115,7 @@ class SimulatedNetwork:
         observer.forget(link.source, None if peer is None else peer.me)
         if peer is not None:
             self._meet(observer, peer)
+        self._ask_again(link)
 
     def _meet(self, observer: SimulatedTransport, peer: SimulatedTransport) -> None:
         if self.links.open(peer.me.id, observer.me.id) and observer.see(peer.me, True):
@@ -232,11 +233,23 @@ class SimulatedNetwork:
         if outlet.owner.alive and self.links.open(here, there) and self.links.open(there, here):
             receiver.answered(inlet, list(outlet.cache))
         else:
-            self._post(ASK_TIMEOUT_S, lambda: receiver.answered(inlet, []) if inlet.asking else None)
+            inlet.unheard = True
+            self._post(ASK_TIMEOUT_S, lambda: receiver.answered(inlet, []) if inlet.unheard else None)
+
+    def _ask_again(self, link: Link) -> None:
+        """Questions that got lost between two ends are asked anew when these meet again."""
+        ends = (self._members.get(link.source), self._members.get(link.sink))
+        for here, there in (ends, ends[::-1]):
+            if here is not None and there is not None:
+                for outlet in there.outlets.values():
+                    inlet = here.inlet(outlet)
+                    if inlet is not None and inlet.unheard:
+                        inlet.asking = inlet.unheard = False
+                        self.ask(here, outlet, inlet)
 
     def _ask_history(self, receiver: SimulatedTransport, publisher: SimulatedTransport, topic: str) -> None:
         outlet = publisher.outlets.get(topic)
-        if outlet is None or publisher is receiver or receiver not in self._listeners.get(topic, ()):
+        if outlet is None or self.conditions.datagrams or receiver not in self._listeners.get(topic, ()):
             return
         inlet = receiver.inlet(outlet)
         if inlet is None:

@@ -41,12 +41,13 @@ class Outlet:
 class Inlet:
     """One receiver's end of one outlet."""
 
-    __slots__ = ("asking", "last", "missed", "pending", "troubled")
+    __slots__ = ("asking", "last", "missed", "pending", "troubled", "unheard")
 
     def __init__(self, last: int) -> None:
         self.last = last  # the newest number that was handed on; all before it were too, or are missed
         self.pending: dict[int, Received] = {}  # came after a gap
         self.asking = False  # a question to the cache is underway
+        self.unheard = False  # and did not get there
         self.troubled = False  # something was lost: gaps are to be looked for at once
         self.missed = 0
 
@@ -59,7 +60,7 @@ class Inlet:
 
     def answered(self, cached: list[tuple[int, Received]]) -> list[Received]:
         """The cache's answer came: all that it holds is handed on, and what it does not hold is missed."""
-        self.asking = False
+        self.asking = self.unheard = False
         for number, item in cached:
             if number > self.last:
                 self.pending.setdefault(number, item)

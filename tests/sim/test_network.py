@@ -155,6 +155,20 @@ def test_a_one_way_cut_stops_one_way() -> None:
     assert (a.drain_peer_changes(), b.drain_peer_changes()) == ([], [PeerChange(R0, False)])
 
 
+def test_a_question_that_got_lost_is_asked_again_when_both_ends_meet() -> None:
+    net = Net(SET, lease_s=1.0)
+    a, b = net.ends
+    net.network.cut(["r1"], ["r0"])  # b's questions do not reach a
+    net.network.conditions = NetworkConditions(loss=0.999)
+    net.say(a, 1)
+    net.network.conditions = NetworkConditions()
+    net.say(a, 2, every=3.0)
+    assert net.heard(b) == []  # waits for the one before it
+    net.network.heal(["r1"], ["r0"])
+    net.run(1.5)
+    assert net.heard(b) == [1, 2]
+
+
 def test_what_was_cut_twice_heals_twice() -> None:
     net = Net(POSE)
     a, b = net.ends
