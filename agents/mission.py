@@ -154,6 +154,17 @@ class StatementTable(Strict, frozen=True, kw_only=True):
     target: Annotated[str, Meta(max_length=64)] = ""  # its name; left out: something, or nothing
 
 
+class RequestTable(Strict, frozen=True, kw_only=True):
+    """A place that an operator asks the robots to look at, in a simulated run."""
+
+    at_s: NonNegative  # team time
+    name: Annotated[str, Meta(min_length=1, max_length=40, pattern=r"^[A-Za-z0-9_.-]+$")]
+    at: Vector  # metres, as many numbers as the area has axes
+    worth: NonNegative = 1.0  # how much it matters, in targets to be found; 0 withdraws the request
+    robots: Annotated[int, Meta(ge=1, le=64)] = 1  # that must look
+    needs: list[Name] = []  # capabilities that they must have, beside request
+
+
 class Mission(Strict, frozen=True, kw_only=True):
     """The whole file."""
 
@@ -184,6 +195,7 @@ class Mission(Strict, frozen=True, kw_only=True):
     restart: RestartTable = RestartTable()
     robots: Annotated[list[RobotTable], Meta(min_length=1)]
     statements: list[StatementTable] = []
+    requests: list[RequestTable] = []
 
     def box(self) -> Area:
         """The area as arrays."""

@@ -6,7 +6,7 @@ from typing import Any
 
 from agents import plugins
 from agents.errors import SearchpartyError
-from agents.mission import Mission
+from agents.mission import TASK_KINDS, Mission, RequestTable
 from agents.statements import said
 from agents.tables import Problem, check, nearest, show
 
@@ -76,6 +76,8 @@ def check_mission(mission: Mission) -> list[Problem]:
         *_map(mission),
         *_link(mission),
         *_statements(mission),
+        *_capabilities(mission),
+        *(p for i, table in enumerate(mission.requests) for p in request_problems(mission, table, f"requests[{i}].")),
     ]
 
 
@@ -171,6 +173,49 @@ def _statements(mission: Mission) -> list[Problem]:
         allowed = f"a filter that takes soft observations: {', '.join(listening) or 'none is installed'}"
         problems.append(Problem("filter.kind", show(mission.filter.get("kind")), allowed))
     return problems
+
+
+def _capabilities(mission: Mission) -> list[Problem]:
+    """Kinds of tasks that are nearly spelt right: a robot would silently never do them."""
+    asked = {need for table in mission.requests for need in table.needs}
+    problems = []
+    for i, robot in enumerate(mission.robots):
+        for j, name in enumerate(robot.capabilities):
+            near = nearest(name, TASK_KINDS)
+            if near and near != name and name not in asked:
+                allowed = f"one of {', '.join(TASK_KINDS)}, or what a request needs"
+                problems.append(Problem(f"robots[{i}].capabilities[{j}]", show(name), allowed, near))
+    return problems
+
+
+def request_problems(mission: Mission, table: RequestTable, where: str) -> list[Problem]:
+    """What is wrong with a request to this mission's team; `where` begins the keys' names."""
+    problems = []
+    area = mission.area
+    if len(table.at) != len(area.min):
+        problems.append(Problem(f"{where}at", show(table.at), f"{len(area.min)} values, as many as area.min"))
+    for i, (x, low, high) in enumerate(zip(table.at, area.min, area.max, strict=False)):
+        if low < high and not low <= x <= high:
+            allowed = f"a number from {low:g} to {high:g}, inside the area"
+            problems.append(Problem(f"{where}at[{i}]", show(x), allowed))
+    able = [r.id for r in mission.robots if {"request", *table.needs} <= {*r.capabilities}]
+    if len(able) < table.robots:
+        found = f"{show(table.needs)}, which {', '.join(able) or 'no robot'} can do"
+        allowed = f"capabilities that {table.robots} of the mission's robots have, with request"
+        problems.append(Problem(f"{where}needs", found, allowed))
+    if not shares_tasks(mission.planner):
+        sharing = [kind for kind in plugins.kinds("planners") if shares_tasks({"kind": kind})]
+        allowed = f"a planner whose robots share tasks, for requests: {', '.join(sharing)}"
+        problems.append(Problem("planner.kind", show(mission.planner.get("kind")), allowed))
+    return problems
+
+
+def shares_tasks(table: Mapping[str, Any]) -> bool:
+    """Whether the robots of a mission's planner, as far as it can be loaded, share tasks between them."""
+    try:
+        return hasattr(plugins.load("planners", str(table.get("kind"))), "desk")
+    except (SearchpartyError, ImportError, AttributeError):
+        return True  # which the table's own check reports
 
 
 def deaf(table: Mapping[str, Any]) -> bool:

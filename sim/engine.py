@@ -85,7 +85,7 @@ class Engine:
         self.fusion = fusions[0]
         self.robots = [RobotNode(self, robot.id) for robot in team.mission.robots]
         nodes: list[Node] = [*fusions, *self.robots]
-        if team.mission.statements:
+        if team.mission.statements or team.mission.requests:
             nodes.append(OperatorNode(self))
         if viewer:
             nodes.append(ViewerNode(self))

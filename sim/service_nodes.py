@@ -9,8 +9,10 @@ from agents.health import health_message
 from agents.machine import Event, Publish, Stamp
 from agents.messages import HealthMessage, PosteriorMessage
 from agents.operator_agent import Operator
+from agents.requester import Requester
 from agents.statements import said
 from agents.topics import (
+    BID,
     EVENT,
     HEALTH,
     LEDGER,
@@ -73,7 +75,7 @@ class FusionNode(Node):
 
 
 class OperatorNode(Node):
-    """Somebody who says what the mission's statements tell, each at its time."""
+    """Somebody who says what the mission's statements tell and asks for its requests, each at its time."""
 
     def __init__(self, engine: Engine) -> None:
         super().__init__(engine, "operator", "operator")
@@ -83,17 +85,22 @@ class OperatorNode(Node):
         self.operator = Operator(mission, "operator", self.boot)
         for table in mission.statements:
             self.operator.plan(table.at_s, said(table))
+        self.requester = Requester(mission, "operator", self.boot)
+        self.requester.stamp = self.operator.stamp
+        for request in mission.requests:
+            self.requester.plan(request.at_s, request)
 
     def _subscribe(self) -> None:
-        for topic in (POSTERIOR, EVENT):
+        for topic in (POSTERIOR, EVENT, BID):
             self.transport.subscribe(topic, urgent=False)
 
     def step(self, events: list[Event]) -> None:
-        for action in self.operator.step(self.clock.now(), events):
+        now = self.clock.now()
+        for action in [*self.operator.step(now, events), *self.requester.step(now, events)]:
             self.engine.perform(self, action)
 
     def next_wake(self) -> float:
-        return self.operator.next_wake()
+        return min(self.operator.next_wake(), self.requester.next_wake())
 
     def health(self) -> HealthMessage:
         return health_message(

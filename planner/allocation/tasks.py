@@ -140,7 +140,7 @@ def _overlooked(rules: TaskRules, exploration: Exploration, intensity: Intensity
     places = (intensity.points[:, whole] - exploration.low[:, None]) / spans * steps
     cells = np.clip(np.rint(places).astype(np.int64), 0, steps)
     np.add.at(made, np.ravel_multi_index(tuple(cells), shape), expected[whole])
-    return made * (rules.unexplored / made.sum())
+    return np.asarray(made * (rules.unexplored / made.sum()), dtype=np.float64)
 
 
 def _clusters(rules: TaskRules, intensity: Intensity) -> list[Task]:
