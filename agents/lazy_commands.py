@@ -15,8 +15,12 @@ GROUP = "searchparty.commands"
 # What --help says of our own; another package's command is listed with the package's name.
 SHORT_HELP = {
     "calibrate": "Estimate sensors from a recording with known truth.",
+    "keys": "Make the certificates of a guarded team.",
     "observe": "Tell a running team what you see.",
+    "request": "Ask a running team to look at a place.",
+    "router": "Run the router that a team in the field meets at.",
     "simulate": "Run a mission in virtual time for many seeds.",
+    "status": "Say how the processes of a running team are.",
     "watch": "Show a running team, and record the picture.",
 }
 

@@ -12,6 +12,7 @@ from msgspec import Meta
 
 from agents.ground_tables import GroundTable, OriginTable
 from agents.messages import Name, Relation, Slope
+from agents.tables import resolve_path
 from estimator.arrays import Count, FloatArray, NonNegative, Positive
 from estimator.filter import Area
 
@@ -93,6 +94,7 @@ class LinkTable(Strict, frozen=True, kw_only=True):
     kind: str = "zenoh"
     topology: Literal["star", "mesh", "router"] = "star"
     endpoints: list[str] = []  # mesh: rendezvous to listen on and connect to; router: where the router is
+    keys: str = ""  # directory of the team's keys: TLS, each under its own name only; "": open
     lease_s: Positive = 2.0
 
 
@@ -215,6 +217,14 @@ class Mission(Strict, frozen=True, kw_only=True):
             if robot.id == robot_id:
                 return robot
         raise KeyError(robot_id)
+
+
+def link_of(mission: Mission) -> LinkTable:
+    """A mission's link, with the path of its keys as it is on this computer."""
+    link = mission.link
+    if not link.keys:
+        return link
+    return msgspec.structs.replace(link, keys=str(resolve_path(mission.directory or None, link.keys)))
 
 
 def start_pose(robot: RobotTable) -> FloatArray:

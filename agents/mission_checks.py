@@ -77,7 +77,11 @@ def check_mission(mission: Mission) -> list[Problem]:
         *_link(mission),
         *_statements(mission),
         *_capabilities(mission),
-        *(p for i, table in enumerate(mission.requests) for p in request_problems(mission, table, f"requests[{i}].")),
+        *(
+            p
+            for i, table in enumerate(mission.requests)
+            for p in request_problems(mission, table, f"requests[{i}].")
+        ),
     ]
 
 
@@ -153,11 +157,18 @@ def _link(mission: Mission) -> list[Problem]:
         problems.append(
             Problem("link.endpoints", "[]", 'where the router is, such as ["tcp/192.0.2.1:7447"]')
         )
-    return problems + [
-        Problem(f"link.endpoints[{i}]", show(endpoint), "protocol/address, such as tcp/192.0.2.1:7447")
-        for i, endpoint in enumerate(link.endpoints)
-        if not _ENDPOINT.match(endpoint)
-    ]
+    if link.keys and link.topology == "mesh":
+        allowed = "star or router, where a router holds everybody to the own name; or no link.keys"
+        problems.append(Problem("link.topology", show(link.topology), allowed))
+    for i, endpoint in enumerate(link.endpoints):
+        where = f"link.endpoints[{i}]"
+        if not _ENDPOINT.match(endpoint):
+            problems.append(Problem(where, show(endpoint), "protocol/address, such as tcp/192.0.2.1:7447"))
+        elif link.keys and not endpoint.startswith("tls/"):
+            problems.append(Problem(where, show(endpoint), "tls/HOST:PORT, since there are link.keys"))
+        elif not link.keys and endpoint.startswith("tls/"):
+            problems.append(Problem(where, show(endpoint), "tcp/HOST:PORT, or link.keys to have TLS with"))
+    return problems
 
 
 def _statements(mission: Mission) -> list[Problem]:

@@ -172,6 +172,8 @@ def _plain(mission: Mission, *, keep_directory: bool) -> dict[str, Any]:
 def _has_relative_path(mission: Mission) -> bool:
     if mission.map is not None and _relative_path_in(Path(mission.map.file)):
         return True
+    if mission.link.keys and _relative_path_in(Path(mission.link.keys)):
+        return True
     ground = mission.ground
     zones = [] if ground is None else [*ground.obstacles, *ground.keep_out, *ground.geofence]
     if any(zone.file is not None and _relative_path_in(Path(zone.file)) for zone in zones):

@@ -22,15 +22,17 @@ from agents.errors import JoinError, LinkError, MissionError
 from agents.machine import ClockTrust, Event, Heard, Stamp
 from agents.mailbox import Mailbox
 from agents.messages import ClockMessage, EventMessage, Message, StartMessage
-from agents.mission import Mission
+from agents.mission import Mission, link_of
 from agents.mission_file import mission_hash
 from agents.plugins import load
+from agents.roles import EXCLUSIVE
 from agents.topics import CLOCK, EVENT, START, Topic
 from agents.transport import Peer, PeerChange, Transport
 
 HEALTH_PERIOD_S = 1.0  # wall time
 FIRST_ANSWER_S = 3.0  # wall time that a process waits to be told by how much its clock is off
 FIRST_ASK_S = 0.25  # and asks again meanwhile
+TOGETHER_S = 3.0  # processes of one id that join within this time may not have seen each other
 SWITCH_INTERVAL_S = 0.0005  # a planner's Python part lets the measure clock in this quickly
 
 
@@ -55,9 +57,10 @@ class Shell:
         self.wake = asyncio.Event()
         self._loop = asyncio.get_running_loop()
         self._told: list[Event] = []
+        self._joined = 0.0
         transport = load("transports", mission.link.kind)
         endpoints = tuple(connect) or tuple(mission.link.endpoints) or None
-        self.transport: Transport = transport(mission.link, mission.team, endpoints=endpoints)
+        self.transport: Transport = transport(link_of(mission), mission.team, endpoints=endpoints)
 
     def __repr__(self) -> str:
         return f"Shell({self.role} {self.name}, {self.clock!r})"
@@ -68,6 +71,7 @@ class Shell:
         for number in (signal.SIGTERM, signal.SIGINT):
             self._loop.add_signal_handler(number, self.stop)
         self.transport.open(Peer(self.role, self.name, self.boot), self._wake_from_any_thread)
+        self._joined = time.monotonic()
         return self
 
     async def __aexit__(self, *exc: object) -> None:
@@ -97,7 +101,9 @@ class Shell:
         events: list[Event] = [*self.transport.drain_peer_changes()]
         events += self.mailbox.open(self.transport.drain())
         for event in list(events):
-            if isinstance(event, Heard) and isinstance(event.message, StartMessage):
+            if isinstance(event, PeerChange):
+                self._look_for_double(event)
+            elif isinstance(event, Heard) and isinstance(event.message, StartMessage):
                 events += self._set_clock(event.message)
         told, self._told = self._told, []
         return events + told
@@ -147,6 +153,17 @@ class Shell:
         if sync is not None and (sync.state is ClockState.UNKNOWN or sync.due(raw)):
             header = self.stamp.header(CLOCK, self.clock.now())
             self.publish(CLOCK, ClockMessage(**header, shown=self.clock.raw()))
+
+    def _look_for_double(self, change: PeerChange) -> None:
+        """Two processes have one id. Who finds the other there never comes this far (see the transport): so
+        they joined at the same moment, and one yields; or their networks have just become one."""
+        peer = change.peer
+        if (peer.role, peer.id) != (self.role, self.name) or self.role not in EXCLUSIVE or not change.alive:
+            return
+        text = f"another process of the team is {self.role} {self.name} too (boot {peer.boot})"
+        if time.monotonic() - self._joined < TOGETHER_S and peer.boot < self.boot:
+            raise JoinError(f"{text} and joined at the same moment: this one ends")
+        self.announce(f"{text}: end one of them", "error")
 
     def _set_clock(self, message: StartMessage) -> list[Event]:
         """Correct the clock if an answer says so; a change of trust is an event."""

@@ -17,7 +17,7 @@ from agents.clock import TeamClock
 from agents.errors import LinkError, SearchpartyError
 from agents.machine import Event, Heard
 from agents.messages import EventMessage, StartMessage, TruthMessage
-from agents.mission import Mission
+from agents.mission import Mission, link_of
 from agents.mission_file import load
 from agents.nursery import Nursery
 from agents.ownership import SILENT_S, Ownership
@@ -63,7 +63,7 @@ async def _main(mission: Mission, out: Path | None, speed: float, view: str, nur
     warm.ensure(console, mission)  # or every robot would compile the same kernels at the same time
     directory = RunDirectory.create(mission, out)
     resolved = load(directory.mission)  # what the children will read
-    with load_plugin("routers", mission.link.kind)(resolved.link) as router:
+    with load_plugin("routers", mission.link.kind)(link_of(resolved)) as router:
         launch = Launch(directory.mission, directory.path, tuple(router.endpoints), speed, view)
         async with Shell(resolved, "swarm", "swarm", router.endpoints) as shell:
             swarm = Swarm(shell, Team.of(resolved), launch, directory, console, nursery)

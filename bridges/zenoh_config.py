@@ -7,6 +7,7 @@ import zenoh
 
 from agents.errors import LinkError
 from agents.mission import LinkTable
+from bridges.keyring import ACCESS, Credentials
 
 Mode = Literal["client", "peer", "router"]
 
@@ -21,10 +22,12 @@ def configuration(
     connect: tuple[str, ...] = (),
     listen: tuple[str, ...] = (),
     listen_if_free: bool = False,
+    keys: Credentials | None = None,
 ) -> zenoh.Config:
     """The configuration of a session in `mode`, for the endpoints given.
 
     An endpoint to listen on that is not free is an error, or, with `listen_if_free`, left to who has it.
+    With `keys` links are TLS, and both ends show certificates; a router then holds all to its access list.
 
     Raises:
         LinkError: if an endpoint is no endpoint.
@@ -56,6 +59,8 @@ def configuration(
         # Once, and not again: while Zenoh waits for a port, closing the session hangs for ten seconds.
         settings["listen/timeout_ms"] = 0
         settings["listen/exit_on_failure"] = False
+    if keys is not None:
+        settings |= _guarded(keys, mode)
     config = zenoh.Config()
     for name, value in settings.items():
         try:
@@ -74,3 +79,19 @@ def free_port_endpoint(endpoints: tuple[str, ...]) -> str:
     if all(host in ("localhost", "[::1]") or host.startswith("127.") for host in hosts):
         return "tcp/127.0.0.1:0"
     return "tcp/[::]:0" if any(host.startswith("[") for host in hosts) else "tcp/0.0.0.0:0"
+
+
+def _guarded(keys: Credentials, mode: Mode) -> dict[str, Any]:
+    end = "listen" if mode == "router" else "connect"
+    tls = {
+        "root_ca_certificate": str(keys.authority),
+        "enable_mtls": True,
+        f"{end}_certificate": str(keys.certificate),
+        f"{end}_private_key": str(keys.key),
+        "verify_name_on_connect": True,
+        "close_link_on_expiration": True,
+    }
+    settings: dict[str, Any] = {"transport/link/tls": tls, "transport/link/protocols": ["tls"]}
+    if mode == "router":
+        settings["access_control"] = json.loads((keys.certificate.parent / ACCESS).read_text())
+    return settings

@@ -7,7 +7,8 @@ import zenoh
 
 from agents.errors import LinkError
 from agents.mission import LinkTable
-from bridges.zenoh_config import NO_ROUTER, configuration
+from bridges.keyring import ROUTER, credentials
+from bridges.zenoh_config import NO_ROUTER, Mode, configuration
 
 _ATTEMPTS = 20
 _TAKEN = "os error 98"  # Zenoh's errors are text; this part of it is the operating system's
@@ -47,7 +48,7 @@ class Router:
             self.endpoints = wanted
             return
         for attempt in range(_ATTEMPTS):
-            endpoints = wanted or (f"tcp/127.0.0.1:{_free_port()}",)
+            endpoints = wanted or (f"{'tls' if self._link.keys else 'tcp'}/127.0.0.1:{_free_port()}",)
             try:
                 self._session = self._listen(endpoints)
             except zenoh.ZError as error:
@@ -58,9 +59,9 @@ class Router:
             return
 
     def _listen(self, endpoints: tuple[str, ...]) -> zenoh.Session:
-        return zenoh.open(
-            configuration(self._link, "router" if self._link.topology == "star" else "peer", listen=endpoints)
-        )
+        mode: Mode = "router" if self._link.topology == "star" else "peer"
+        keys = credentials(self._link.keys, ROUTER) if self._link.keys else None
+        return zenoh.open(configuration(self._link, mode, listen=endpoints, keys=keys))
 
     def close(self) -> None:
         """Stop listening. Safe to call twice."""

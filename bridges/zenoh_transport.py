@@ -20,16 +20,20 @@ from contextlib import suppress
 import zenoh
 import zenoh.ext
 
-from agents.errors import LinkError
+from agents.errors import JoinError, LinkError
 from agents.mission import LinkTable
+from agents.roles import EXCLUSIVE
 from agents.topics import PICTURE, POSE, TRUTH, Topic, key
 from agents.transport import Inbox, Peer, PeerChange, Received, Transport
+from bridges.keyring import Credentials, credentials
+from bridges.tls_trouble import tls_trouble
 from bridges.zenoh_config import NO_ROUTER, configuration, free_port_endpoint
 from bridges.zenoh_roll import Roll
 
 _log = logging.getLogger(__name__)
 
 PATIENCE_S = 3.0  # how long `open` looks for the router
+MISSED_S = 1.0  # beyond the lease, until the token of a computer that was switched off is gone
 HEARTBEAT_S = 1.0  # a lost last message of a reliable topic is noticed within this time
 
 # Large and unhurried topics must not stand in front of measurement sets in a link's queue.
@@ -98,12 +102,15 @@ class ZenohTransport(Transport):
         """Join the team as `me`. Blocks for up to `PATIENCE_S`: call it before the event loop runs."""
         if self._session is not None:
             raise RuntimeError("the transport is open already")
-        self._session = session = self._connect()
+        keys = credentials(self._link.keys, me.id) if self._link.keys else None
+        self._session = session = self._connect(keys)
         self._me, self._wake = me, wake
         try:
+            liveliness = session.liveliness()
+            if me.role in EXCLUSIVE:
+                self._await_name(session, me)
             self._roll = roll = Roll(me, wake)
             everyone = key(self._team, "alive", "*/*/*")
-            liveliness = session.liveliness()
             for reply in liveliness.get(everyone, timeout=1.0):
                 if reply.ok is not None:
                     roll.listed(reply.ok)
@@ -113,6 +120,18 @@ class ZenohTransport(Transport):
         except BaseException:
             self.close()
             raise
+
+    def _await_name(self, session: zenoh.Session, me: Peer) -> None:
+        """Wait for an earlier process of this name to be missed, if it died; if it lives, do not join."""
+        named = key(self._team, "alive", f"{me.role}/{me.id}/*")
+        deadline = time.monotonic() + self._link.lease_s + MISSED_S
+        while any(reply.ok is not None for reply in session.liveliness().get(named, timeout=1.0)):
+            if time.monotonic() > deadline:
+                raise JoinError(
+                    f"another process of the team is {me.role} {me.id} already: end that one, or start this "
+                    "one under another id"
+                )
+            time.sleep(0.1)
 
     def subscribe(self, topic: Topic, urgent: bool = True) -> None:
         session, me = self._opened()
@@ -219,12 +238,12 @@ class ZenohTransport(Transport):
             publisher_detection=True,
         )
 
-    def _connect(self) -> zenoh.Session:
+    def _connect(self, keys: Credentials | None) -> zenoh.Session:
         if self._link.topology == "mesh":
             return self._join_mesh()
         if not self._endpoints:
             raise LinkError(NO_ROUTER)
-        config = configuration(self._link, "client", connect=self._endpoints)
+        config = configuration(self._link, "client", connect=self._endpoints, keys=keys)
         deadline = time.monotonic() + PATIENCE_S
         while True:
             try:
@@ -232,6 +251,8 @@ class ZenohTransport(Transport):
             except zenoh.ZError as error:
                 # An attempt may itself take two seconds, when the host does not answer at all.
                 if time.monotonic() + 1.0 > deadline:
+                    if keys is not None and (trouble := tls_trouble(self._endpoints, keys)) is not None:
+                        raise JoinError(trouble) from error
                     raise LinkError(
                         f"no Zenoh router answers at {' or '.join(self._endpoints)}: "
                         "start it, or correct link.endpoints in the mission"

@@ -1,6 +1,6 @@
 """A world whose targets move: straight on, turned back at the area's border or gone beyond it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
 import msgspec
@@ -14,18 +14,41 @@ from estimator.arrays import FloatArray, NonNegative
 from estimator.filter import Area
 
 
+@dataclass
+class Walk:
+    """A random walk of each target, a step a second, straight in between; as long as it was asked for."""
+
+    rng: np.random.Generator
+    drift: float  # standard deviation of a step, per axis, m
+    shape: tuple[int, int]  # (d, n)
+    _places: list[FloatArray] = field(default_factory=list)  # after each second
+
+    def at(self, time: float) -> FloatArray:
+        """(d, n) metres from where the targets would be without."""
+        second = max(0, int(time))
+        while len(self._places) < second + 2:
+            last = self._places[-1] if self._places else np.zeros(self.shape)
+            step = self.drift * self.rng.standard_normal(self.shape)
+            self._places.append(last + step if self._places else last)
+        before, after = self._places[second], self._places[second + 1]
+        return np.asarray(before + (time - second) * (after - before))
+
+
 @dataclass(frozen=True)
 class MovingWorld:
-    """Targets with constant velocities. Where they are is a function of time alone."""
+    """Targets with constant velocities, and random walks beside. Where they are depends on time alone."""
 
     starts: FloatArray  # (d, n) m at time 0
     velocities: FloatArray  # (d, n) m/s
     area: Area
     reflecting: bool  # else targets leave, and come back never
+    walk: "Walk | None" = None
 
     def targets(self, time: float) -> FloatArray:
         """True target positions (d, n), or (d, k) of the k that have not left the area."""
         places = self.starts + time * self.velocities
+        if self.walk is not None:
+            places = places + self.walk.at(time)
         low, high = self.area.low[:, None], self.area.high[:, None]
         if not self.reflecting:
             return np.ascontiguousarray(places[:, ((places >= low) & (places <= high)).all(axis=0)])
@@ -43,6 +66,7 @@ class MovingWorldKind:
         velocities: list[list[float]] = []  # m/s, one for each start
         targets: Annotated[int, Meta(ge=0, le=100_000)] = 0  # random ones, in addition
         speed_m_s: NonNegative = 1.0  # of the random ones, in random directions
+        drift: NonNegative = 0.0  # random walk beside: standard deviation after a second, m / s^(1/2)
         border: Literal["reflect", "leave"] = "reflect"
 
     @staticmethod
@@ -68,9 +92,9 @@ class MovingWorldKind:
         directions = rng.standard_normal((d, config.targets))
         directions *= config.speed_m_s / np.linalg.norm(directions, axis=0)
         given = np.array(config.velocities, dtype=float).reshape(-1, d).T
-        return MovingWorld(
-            np.ascontiguousarray(np.concatenate([starts, more], axis=1)),
-            np.ascontiguousarray(np.concatenate([given, directions], axis=1)),
-            area,
-            config.border == "reflect",
-        )
+        starts = np.ascontiguousarray(np.concatenate([starts, more], axis=1))
+        velocities = np.ascontiguousarray(np.concatenate([given, directions], axis=1))
+        walk = None
+        if config.drift > 0:
+            walk = Walk(generator(seed, "world", "walk"), config.drift, (d, starts.shape[1]))
+        return MovingWorld(starts, velocities, area, config.border == "reflect", walk)
