@@ -82,7 +82,9 @@ class KalmanConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     motion: MotionConfig = MotionConfig()
     start_m: Annotated[list[float], Meta(min_length=2, max_length=3)] | None = None  # default: the centre
     start_sigma_m: Positive | None = None  # per axis; default: that of an even spread over the area
-    start_velocity_m_s: Annotated[list[float], Meta(min_length=2, max_length=3)] | None = None  # default: 0
+    start_velocity_m_s: Annotated[list[float], Meta(min_length=2, max_length=3)] | None = (
+        None  # random_walk: B u
+    )
     gate_sigmas: Positive = 5.0  # a measurement further off is of something else
 
 
@@ -94,6 +96,7 @@ class KalmanState:
     covariance: FloatArray  # (n_x, n_x)
     mass: float  # 1, or 0 once it was removed
     area: Area
+    shift: FloatArray | float = 0.0  # B u a second (d,) m/s, of targets that walk randomly
 
 
 class Kalman:
@@ -128,14 +131,15 @@ class Kalman:
         mean = np.zeros(motion.state_size)
         mean[:d] = start
         velocity = np.array(config.start_velocity_m_s or np.zeros(d))
-        if config.start_velocity_m_s and mean.size == d:
-            raise ValueError("start_velocity_m_s: only targets of constant_velocity have one")
+        if config.start_velocity_m_s and motion.is_static:
+            raise ValueError("start_velocity_m_s: a target whose motion is static has none")
         if velocity.size != d or not np.isfinite(velocity).all():
             raise ValueError(
                 f"start_velocity_m_s: expected {d} finite numbers, got {config.start_velocity_m_s}"
             )
         mean[d:] = velocity[: mean.size - d]
-        return KalmanState(mean, motion.start_covariance(np.diag(sigmas**2)), 1.0, area)
+        shift = velocity if mean.size == d else 0.0
+        return KalmanState(mean, motion.start_covariance(np.diag(sigmas**2)), 1.0, area, shift)
 
     def predict(self, state: KalmanState, duration: float, rng: np.random.Generator) -> KalmanState:
         """(5a), (5b) over `duration` seconds.
@@ -147,7 +151,7 @@ class Kalman:
         f, q = motion.transition(duration)
         if motion.is_static or duration == 0.0:
             return state
-        mean, covariance = predicted(state.mean, state.covariance, f, q)
+        mean, covariance = predicted(state.mean, state.covariance, f, q, duration * state.shift)
         return replace(state, mean=mean, covariance=covariance)
 
     def update(
@@ -198,7 +202,7 @@ class Kalman:
             np.ones(1),
             np.array([radius]),
             np.zeros(1, np.int64),
-            state.mean[d : 2 * d, None].copy() if state.mean.size >= 2 * d else None,
+            _velocity(state, d),
         )
         return state, found
 
@@ -230,3 +234,10 @@ class Kalman:
             return state
         best = int(np.argmax(pairs.log_likelihood))
         return replace(state, mean=pairs.means[best], covariance=pairs.covariances[0])
+
+
+def _velocity(state: KalmanState, d: int) -> FloatArray:
+    """(d, 1): the estimated one, or B u."""
+    if state.mean.size >= 2 * d:
+        return state.mean[d : 2 * d, None].copy()
+    return np.broadcast_to(state.shift, d)[:, None].copy()

@@ -21,6 +21,7 @@ class Targets:
     covariances: FloatArray  # (n, d, d) m^2, positive definite
     weights: FloatArray  # (n,) q_i w_i,m of (12), (13); they sum to 1
     known: int  # the first so many are estimated targets, the others cells
+    velocities: FloatArray  # (d, known) m/s; 0 where nothing is known of them
 
     @property
     def count(self) -> int:
@@ -35,7 +36,7 @@ def targets_of(problem: PlanProblem, explore: float) -> Targets:
     or with no mass is left out.
     """
     d = problem.area.dimension
-    means, covariances, masses = _clusters(problem, d)
+    means, covariances, masses, velocities = _clusters(problem, d)
     cells, spreads, unexplored = _cells(problem, explore)
     weights = np.concatenate([masses, unexplored])
     total = weights.sum()
@@ -44,26 +45,32 @@ def targets_of(problem: PlanProblem, explore: float) -> Targets:
         np.concatenate([covariances, spreads]),
         weights / total if total > 0 else weights,
         masses.size,
+        velocities,
     )
 
 
-def _clusters(problem: PlanProblem, d: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    believed = problem.intensity
+def _clusters(problem: PlanProblem, d: int) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    believed, velocities = problem.intensity, None
     if believed is None:
         means = problem.clusters
         masses = np.ones(means.shape[1])
         covariances = np.tile(UNKNOWN_SPREAD**2 * np.eye(d), (masses.size, 1, 1))
     else:
         means, covariances, masses = believed.means, believed.covariances, believed.masses
+        velocities = believed.velocities
     keep = np.isfinite(means).all(axis=0) & np.isfinite(masses) & (masses > 0)
-    means, covariances, masses = means[:, keep], np.array(covariances[keep]), masses[keep]
+    velocities = (
+        np.zeros_like(means) if velocities is None else np.where(np.isfinite(velocities), velocities, 0)
+    )
+    means, velocities = means[:, keep], velocities[:, keep]
+    covariances, masses = np.array(covariances[keep]), masses[keep]
     broken = ~np.isfinite(covariances).all(axis=(1, 2))
     covariances[broken] = UNKNOWN_SPREAD**2 * np.eye(d)
     if masses.size:
         values, vectors = np.linalg.eigh(0.5 * (covariances + covariances.transpose(0, 2, 1)))
         values = np.maximum(values, LEAST_SPREAD**2)
         covariances = np.einsum("nij,nj,nkj->nik", vectors, values, vectors)
-    return means, covariances, masses
+    return means, covariances, masses, velocities
 
 
 def _cells(problem: PlanProblem, explore: float) -> tuple[FloatArray, FloatArray, FloatArray]:

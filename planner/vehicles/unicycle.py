@@ -6,14 +6,14 @@ With the distance ρ to the waypoint and the error α of the heading towards it,
 
 The feedback (in the manner of Khoukhi and Shahab 2013; derived here)
 
-    v = s(ρ) max(cos α, 0),    ω = k_α α + v sin α / ρ,    s(ρ) = min(v_max, k_ρ ρ, ω_max ρ, √(2 a ρ))
+    v = s(ρ) max(cos α, 0),    ω = k_α α + v sin α / ρ,    s(ρ) = min(v_max, k_ρ ρ, ω_max ρ, √(2 b ρ))
 
 gives V = (ρ² + α²) / 2 the derivative V' = -ρ s(ρ) max(cos α, 0) cos α - k_α α² <= 0, zero only at the
 waypoint, so it is asymptotically stable; the robot turns on the spot as long as the waypoint lies behind it,
 and never drives backwards. Where ω meets its limit, s(ρ) <= ω_max ρ leaves
-|v sin α / ρ| <= ω_max / 2, so |α| still falls. √(2 a ρ) is the speed from which the robot can stop there,
-and v follows the law at the acceleration a. The waypoint is approached exponentially in the end and is
-therefore within any tolerance after a finite time.
+|v sin α / ρ| <= ω_max / 2, so |α| still falls. √(2 b ρ) is the speed from which the robot can stop there,
+and v follows the law at the acceleration a, or braking b. The waypoint is approached exponentially in the
+end and is therefore within any tolerance after a finite time.
 """
 
 import math
@@ -38,6 +38,7 @@ class UnicycleConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     speed_m_s: Positive = 1.0
     turn_rate_deg_s: Positive = 90.0
     acceleration_m_s2: Positive = 1.0
+    braking_m_s2: Positive | None = None  # default: as it accelerates
     tolerance_m: Positive = 0.1  # epsilon: nearer than this counts as there
     distance_gain: Positive = 1.0  # k_ρ, 1/s
     heading_gain: Positive = 3.0  # k_α, 1/s
@@ -53,6 +54,7 @@ class Unicycle:
 
     def __init__(self, config: UnicycleConfig) -> None:
         self.config = config
+        self._braking = config.braking_m_s2 or config.acceleration_m_s2
         self._numbers = np.array(
             [
                 self.control_period,
@@ -62,6 +64,7 @@ class Unicycle:
                 config.tolerance_m,
                 config.distance_gain,
                 config.heading_gain,
+                self._braking,
             ]
         )
 
@@ -77,7 +80,7 @@ class Unicycle:
         """How it gets out of the way: it brakes straight ahead."""
         config = self.config
         slowing = min(config.distance_gain, math.radians(config.turn_rate_deg_s))
-        return Evasion(config.speed_m_s, config.acceleration_m_s2, slowing)
+        return Evasion(config.speed_m_s, min(config.acceleration_m_s2, self._braking), slowing)
 
     def aim(self, state: FloatArray) -> FloatArray:
         """Its own velocity (3,)."""
@@ -94,7 +97,7 @@ class Unicycle:
             length = float(np.hypot(velocity[0], velocity[1]))
             velocity = np.array([length * math.cos(turned), length * math.sin(turned), 0.0])
         speed = float(np.linalg.norm(velocity))
-        way = stopping(speed, self.config.acceleration_m_s2, self.evasion.approach)
+        way = stopping(speed, self._braking, self.evasion.approach)
         return np.asarray(state[:3] + velocity * (way / max(speed, 1e-9)))
 
     def initial_state(self, pose: FloatArray) -> FloatArray:
@@ -151,7 +154,7 @@ def _drive(s: FloatArray, waypoint: FloatArray, n: FloatArray, most: int, stop: 
     Returns the steps done and their control cost, sum of v^2 + ω^2, (MA)ASI (18).
     """
     t, speed, turn, acceleration, tolerance2 = n[0], n[1], n[2], n[3], n[4] ** 2
-    distance_gain, heading_gain = n[5], n[6]
+    distance_gain, heading_gain, braking = n[5], n[6], n[7]
     x, y, yaw, v, w = s[0], s[1], s[3], s[4], s[5]
     cost = 0.0
     done = 0
@@ -164,9 +167,9 @@ def _drive(s: FloatArray, waypoint: FloatArray, n: FloatArray, most: int, stop: 
         # cos α and sin α without an angle; the angle itself only for the turn
         c, k = math.cos(yaw), math.sin(yaw)
         ahead, left = (c * dx + k * dy) / gap, (c * dy - k * dx) / gap
-        aim = min(speed, min(distance_gain, turn) * gap, math.sqrt(2.0 * acceleration * gap))
+        aim = min(speed, min(distance_gain, turn) * gap, math.sqrt(2.0 * braking * gap))
         aim *= max(ahead, 0.0)
-        v += min(max(aim - v, -acceleration * t), acceleration * t)
+        v += min(max(aim - v, -braking * t), acceleration * t)
         w = heading_gain * math.atan2(left, ahead) + v * left / gap
         w = min(max(w, -turn), turn)
         middle = yaw + 0.5 * w * t
