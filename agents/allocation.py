@@ -32,8 +32,6 @@ from planner.allocation.valuation import slot_names
 from planner.plan import PlanProblem, Trajectory
 
 RELAY_ROUNDS = 4  # a word that only passes on others' news waits this many rounds
-SHORT_S = 2.0  # a task that so long has not all the robots it needs is given up
-AWAY_S = 10.0  # for so long
 
 View = Callable[[], tuple[PlanProblem, Trajectory | None]]  # what is believed now, and the way robot is on
 
@@ -75,8 +73,6 @@ class Allocation:
         )
         self.record = Record(robot, desk.rules.heartbeat_s * self._patience)
         self._market = _Market()
-        self._given_up: dict[str, float] = {}  # tasks that lacked robots, and when they are bid for again
-        self._short: dict[str, float] = {}  # tasks that lack robots now, and since when
         self._renew_at = now
         self._said_at = -np.inf
         self._said: tuple[Any, ...] = ()  # what the last word said of this robot's own tasks
@@ -148,10 +144,11 @@ class Allocation:
 
     def looked(self, time: float, robot: str, pose: FloatArray) -> None:
         """A robot measured from a pose (4,)."""
-        done = self.requests.looked(time, robot, pose)
-        if done:
-            self.record.done(done, robot == self.robot)
-            self._renew_at = min(self._renew_at, time)
+        seen = self.requests.looked(time, robot, pose)
+        if seen:
+            done = [name for name in seen if self.requests.done(name)]
+            self.record.done(done if robot == self.robot else ())
+            self._renew_at, self._greet = min(self._renew_at, time), True
 
     def renew(self, now: float) -> None:
         """Make tasks and bids anew at the next step, because a plan is to be made."""
@@ -169,7 +166,7 @@ class Allocation:
         if now >= self._renew_at:
             self._renew(now, view)
         if self._stale:
-            self._bid(now)
+            self._bid()
         news = self.record.look(now, self.state, self.team)
         actions: list[Action] = [self.record.event(stamp, now, text) for text in news]
         if now >= self._due():
@@ -182,7 +179,12 @@ class Allocation:
         known |= {task.name: task.place for task in self._market.tasks}
         tasks = self._desk.tasks(problem, self.requests.open(), known)
         score = self._desk.score(
-            problem, tasks, way=way, held=self.first, capabilities=self._able[self.robot]
+            problem,
+            tasks,
+            way=way,
+            held=self.first,
+            capabilities=self._able[self.robot],
+            barred=self.requests.looked_at(self.robot),
         )
         slots = tuple(slot_names(tasks))
         self.team.state = recalled(self.state, slots, self.team.words())
@@ -190,30 +192,12 @@ class Allocation:
         self._renew_at = now + self._desk.rules.renew_s
         self._stale = True
 
-    def _bid(self, now: float) -> None:
+    def _bid(self) -> None:
         self._stale = False
         market = self._market
         if market.score is None:
             return
-        self._given_up = {task: until for task, until in self._given_up.items() if now < until}
-        open_slots = [slot for slot in market.slots if task_of(slot) not in self._given_up]
-        before = self.state
-        self.team.state = build_bundle(before, open_slots, market.score)
-        self._give_up_the_short(now)
-
-    def _give_up_the_short(self, now: float) -> None:
-        """Leave tasks for which not enough robots were found; they are bid for again later."""
-        needed = {task.name: task.robots for task in self._market.tasks if task.robots > 1}
-        short = set()
-        for name in self.path:
-            taken = sum(task_of(slot) == name for slot in self.state.winning_agents)
-            if taken < needed.get(name, 1):
-                short.add(name)
-        self._short = {name: self._short.get(name, now) for name in short}
-        late = [name for name, since in self._short.items() if now >= since + SHORT_S]
-        if late:
-            self._given_up |= dict.fromkeys(late, now + AWAY_S)
-            self._bid(now)
+        self.team.state = build_bundle(self.state, market.slots, market.score)
 
     def _contents(self) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
         """What the word would say of this robot's tasks, and of others'."""

@@ -48,9 +48,9 @@ class Record:
             "double_owned_max_s": self.double_owned_max_s,
         }
 
-    def done(self, requests: Iterable[str], here: bool) -> None:
-        """Requests are done; `here`: by this robot's last look, so that one robot alone tells of it."""
-        for name in requests if here else ():
+    def done(self, requests: Iterable[str]) -> None:
+        """Requests are done by this robot's last look; it alone tells of it."""
+        for name in requests:
             self.counters["requests_done"] += 1
             self._texts.append(f"{name} is done")
 
@@ -73,7 +73,7 @@ class Record:
         self._holder = dict(list(self._holder.items())[-MOST:])
         self._gained = {slot: gain for slot, gain in self._gained.items() if slot in own}
         self._own = own
-        return self._news(now, team)
+        return self._news(now, state, team)
 
     def next_news(self) -> float:
         """When `look` will have something to tell."""
@@ -83,13 +83,16 @@ class Record:
         """A piece of news as a message."""
         return Publish(EVENT, EventMessage(**stamp.header(EVENT, now), level="info", text=text))
 
-    def _news(self, now: float, team: TeamWords) -> list[str]:
+    def _news(self, now: float, state: AllocationState, team: TeamWords) -> list[str]:
+        """Of what changed hands between the living people are told only what is begun now; all is counted."""
         texts, self._texts = self._texts, []
         settled = {s: gain for s, gain in self._gained.items() if now >= gain[0] + self._settled}
         for robot in sorted({robot for _, robot in settled.values()}):
-            names = sorted({task_of(slot) for slot, (_, former) in settled.items() if former == robot})
+            slots = [slot for slot, (_, former) in settled.items() if former == robot]
             gone = not team.here(robot)
-            self.counters["tasks_taken_over" if gone else "tasks_handed_over"] += len(names)
-            texts.append(f"takes over {', '.join(names)} from {robot}{', which is gone' if gone else ''}")
+            self.counters["tasks_taken_over" if gone else "tasks_handed_over"] += len(slots)
+            told = sorted({task_of(slot) for slot in slots if gone or slot in state.path[:1]})
+            if told:
+                texts.append(f"takes over {', '.join(told)} from {robot}{', which is gone' if gone else ''}")
         self._gained = {slot: gain for slot, gain in self._gained.items() if slot not in settled}
         return texts

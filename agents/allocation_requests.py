@@ -56,7 +56,7 @@ class RequestBook:
         return changed
 
     def looked(self, time: float, robot: str, pose: FloatArray) -> list[str]:
-        """A robot measured at a team time from a pose (4,); the requests that are done by that."""
+        """A robot measured at a team time from a pose (4,); the requests that it has looked at by that."""
         sensor = self._sensors.get(robot)
         done: list[str] = []
         for name, wish in self._wishes.items():
@@ -66,14 +66,27 @@ class RequestBook:
             seen = float(sensor.detection(place, np.asarray(pose)[None])[0, 0])
             if seen >= LOOKED * self._best_detection(robot, sensor, pose):
                 self._wishes[name] = msgspec.structs.replace(wish, looked=sorted([*wish.looked, robot]))
-                if not self._open(name):
-                    done.append(name)
+                done.append(name)
         return done
 
+    def done(self, name: str) -> bool:
+        """Whether nobody need look any more."""
+        return not self._open(name)
+
+    def looked_at(self, robot: str) -> frozenset[str]:
+        """Requests that a robot has done its part of."""
+        return frozenset(name for name, wish in self._wishes.items() if robot in wish.looked)
+
     def open(self) -> tuple[Request, ...]:
-        """Those that are neither done nor withdrawn, as tasks are made from them."""
+        """Those that are neither done nor withdrawn, as tasks for as many robots as must still look."""
         return tuple(
-            Request(name, np.array(w.place, dtype=np.float64), w.worth, w.robots, tuple(w.needs))
+            Request(
+                name,
+                np.array(w.place, dtype=np.float64),
+                w.worth,
+                w.robots - len(w.looked),
+                tuple(w.needs),
+            )
             for name, w in sorted(self._wishes.items())
             if self._open(name)
         )

@@ -18,6 +18,7 @@ SHORT_HELP = {
     "keys": "Make the certificates of a guarded team.",
     "observe": "Tell a running team what you see.",
     "request": "Ask a running team to look at a place.",
+    "request": "Ask a running team to look at a place.",
     "router": "Run the router that a team in the field meets at.",
     "simulate": "Run a mission in virtual time for many seeds.",
     "status": "Say how the processes of a running team are.",

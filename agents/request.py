@@ -143,8 +143,8 @@ async def _ask(
                 return f"{table.name} is withdrawn"
             if len(looked) >= table.robots:
                 return f"done: {_and(looked)} looked at {table.name}"
-            if len(holders) >= table.robots and not until_done:
-                return f"taken: {_and(holders)} will look at {table.name}"
+            if len(holders | looked) >= table.robots and not until_done:
+                return f"taken: {_and(holders | looked)} will look at {table.name}"
             if time.monotonic() >= deadline:
                 if not known:
                     raise LinkError(

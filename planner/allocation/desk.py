@@ -85,6 +85,7 @@ class Desk:
         way: Trajectory | None = None,
         held: str = "",
         capabilities: frozenset[str] | None = None,
+        barred: frozenset[str] = frozenset(),
     ) -> RobotScore:
         """What the slots of tasks are worth to the robot, which is free at the end of its way.
 
@@ -94,6 +95,7 @@ class Desk:
             way: that it is on.
             held: the task that it is at.
             capabilities: kinds of tasks that it does, and whatever else tasks may need. None: everything.
+            barred: tasks that it has done its part of.
         """
         d = problem.area.dimension
         pose, wait = self._setup.vehicles[self.robot].pose(problem.state), 0.0
@@ -113,9 +115,9 @@ class Desk:
             min(budget.time, budget.distance / speed),
             None if budget.home is None else budget.home[:d],
         )
-        able = None
+        able = np.array([task.name not in barred for task in tasks], dtype=np.bool_)
         if capabilities is not None:
-            able = np.array([{task.kind, *task.needs} <= capabilities for task in tasks], dtype=np.bool_)
+            able &= np.array([{task.kind, *task.needs} <= capabilities for task in tasks], dtype=np.bool_)
         return valued(member, tasks, self._worth, problem.area, held=held, able=able)
 
     def ability(self, problem: PlanProblem, altitude: float) -> tuple[float, float]:
