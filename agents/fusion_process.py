@@ -29,6 +29,8 @@ BATCH = 256  # events in one step: a long backlog is acknowledged piece by piece
 # A team that runs faster than the wall is late by as much more of its own time: sets of many instants arrive
 # in any order, and each would make the fusion apply the others again. So it lets some come together first.
 GATHER_S = 0.05
+CROWD_HZ = 20.0  # sets of a team in a wall second, from which on
+CROWD_GATHER_S = 0.04  # those of this time are stored and shown together: one commit, one posterior for all
 LINGER_S = 0.25  # robots that end with the fusion may have sent a set just before
 START_DELAY_S = 0.5  # from the start message to team time 0, so that all hear of it before
 
@@ -78,6 +80,7 @@ class FusionProcess:
         self._robots: set[str] = set()
         self._early: list[Event] = []
         self._answers = ClockAnswers()
+        self._gather_s = 0.0
         search = team.search()
         setup = FusionSetup(
             team.mission,
@@ -96,6 +99,10 @@ class FusionProcess:
         shell = self._shell
         if not await self._start_team():
             return
+        rate = self._speed * sum(1.0 / period for period in self._team.measure_periods.values())
+        self._gather_s = min(GATHER_S, 0.0025 * self._speed) if self._speed > 1.0 else 0.0
+        if rate > CROWD_HZ:
+            self._gather_s = max(self._gather_s, CROWD_GATHER_S)
         shell.every(HEALTH_PERIOD_S, self._publish_start)
         shell.every(HEALTH_PERIOD_S, self._publish_health)
         while not shell.stopping:
@@ -103,8 +110,8 @@ class FusionProcess:
             events.sort(key=_capture_time)
             for first in range(0, max(1, len(events)), BATCH):
                 self._step(events[first : first + BATCH])
-            if self._speed > 1.0:
-                await asyncio.sleep(min(GATHER_S, 0.0025 * self._speed))
+            if self._gather_s > 0.0:
+                await asyncio.sleep(self._gather_s)
             await shell.sleep_until(self._fusion.next_wake())
         until = time.monotonic() + LINGER_S
         while time.monotonic() < until:

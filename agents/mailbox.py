@@ -24,6 +24,7 @@ class Mailbox:
     def __init__(self, team: str, notice: Callable[[str], None], decode: Decode = codec.decode) -> None:
         self.team = team
         self.counters: Counter[str] = Counter()
+        self.wanted: Callable[[Topic, str], bool] | None = None  # else it is not even decoded
         self._notice = notice
         self._decode = decode
         self._noticed: set[tuple[str, str]] = set()
@@ -38,6 +39,9 @@ class Mailbox:
         heard = []
         for item in received:
             self.counters["received"] += 1
+            if self.wanted is not None and not self.wanted(item.topic, item.sender):
+                self.counters["passed_over"] += 1
+                continue
             try:
                 message = self._decode(item.topic, item.payload, team=self.team, sender=item.sender)
             except MalformedMessage as error:

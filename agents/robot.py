@@ -279,7 +279,9 @@ class Robot:
         return Publish(PLAN, plan_message(header, self._plan_version, self._conditioned_on, plan, way))
 
     def _publish_pose(self, now: float, body: VehicleState) -> Publish:
+        # All robots say it at the same instants, so that a router sends what it has for each of fifty
+        # listeners at once: that costs them a fifth of what as many single messages do.
         period = self._mission.settings.pose_period_s
-        self._pose_at += period * (1 + max(0, int((now - self._pose_at) / period)))
+        self._pose_at = period * (int(now / period + 1e-6) + 1)
         header = self.stamp.header(POSE, body.time)
         return Publish(POSE, pose_message(header, body, self.state))

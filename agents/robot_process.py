@@ -7,11 +7,13 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
+from agents.attention import Attention
 from agents.body import RobotBody
 from agents.errors import LinkError, MissionError
 from agents.health import health_message
 from agents.histogram import Histogram
-from agents.machine import Action, Planned, Publish, RequestPlan
+from agents.machine import Action, Event, Heard, Planned, Publish, RequestPlan
+from agents.messages import PoseMessage
 from agents.mission import Mission
 from agents.plan_request import RobotSetup
 from agents.rehearsal import rehearse_robot
@@ -19,6 +21,7 @@ from agents.robot import Robot
 from agents.shell import HEALTH_PERIOD_S, Shell, run_until_done
 from agents.team import Team
 from agents.topics import BID, EVENT, HEALTH, PICTURE, PLAN, POSE, POSTERIOR, REQUEST, SET
+from planner.avoidance.halt import Evader
 from planner.plan import Plan, PlanProblem, TeamPlanner
 
 
@@ -100,6 +103,12 @@ class RobotProcess:
         self._robot = Robot(setup, now)
         self._robot.stamp = shell.stamp
         self._body = RobotBody(self._robot, vehicle, sensor, shell.clock, self._perform)
+        self._attention = Attention(
+            robot_id,
+            {r: model.evasion.speed for r, model in team.vehicle_models.items() if isinstance(model, Evader)},
+            team.mission.settings.separation_m,
+        )
+        shell.mailbox.wanted = self._wanted
 
     async def run(self) -> None:
         """Until the process is told to end."""
@@ -109,9 +118,22 @@ class RobotProcess:
             await shell.sleep_until(0.0)
         shell.every(HEALTH_PERIOD_S, self._publish_health)
         while not shell.stopping:
-            self._body.step(shell.events())
+            events = shell.events()
+            self._look_around(events)
+            self._body.step(events)
             await shell.sleep_until(self._body.next_wake())
         self._publish_health()
+
+    def _wanted(self, topic: Topic, sender: str) -> bool:
+        return topic is not POSE or self._attention.wants(sender, self._shell.clock.now())
+
+    def _look_around(self, events: Sequence[Event]) -> None:
+        poses = [e.message for e in events if isinstance(e, Heard) and isinstance(e.message, PoseMessage)]
+        if poses:
+            now = self._shell.clock.now()
+            mine = self._body.vehicle.state(now).pose
+            for message in poses:
+                self._attention.heard(message.sender, message.pose, mine, now)
 
     def close(self) -> None:
         """Let go of devices and the planner's thread."""
