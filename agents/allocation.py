@@ -61,8 +61,8 @@ class Allocation:
         self.robot = robot
         box = mission.box()
         reach = float(np.linalg.norm(box.high - box.low))
-        self.requests = RequestBook(dict(sensors), reach, box.dimension)
         self._able = {r.id: frozenset(r.capabilities) for r in mission.robots}
+        self.requests = RequestBook(sensors, self._able, reach, box.dimension)
         self._desk = desk
         self._patience = max(1.0, patience)
         rules = desk.rules

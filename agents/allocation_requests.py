@@ -5,7 +5,7 @@ newer holds. So robots may tell each other in any order and as often as they lik
 the operator's own process need not live on.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import msgspec
 import numpy as np
@@ -24,8 +24,16 @@ _DISTANCES, _ANGLES = 40, 24  # of the points at which the best p_D is looked fo
 class RequestBook:
     """All requests that one robot has heard of."""
 
-    def __init__(self, sensors: dict[str, SensorModel], reach_m: float, dimension: int) -> None:
+    def __init__(
+        self,
+        sensors: Mapping[str, SensorModel],
+        able: Mapping[str, frozenset[str]],
+        reach_m: float,
+        dimension: int,
+    ) -> None:
+        """`able`: the capabilities of each robot. Only those count as having looked who were asked to."""
         self._sensors = sensors
+        self._able = able
         self._reach = reach_m
         self._dimension = dimension
         self._wishes: dict[str, Wish] = {}
@@ -61,6 +69,8 @@ class RequestBook:
         done: list[str] = []
         for name, wish in self._wishes.items():
             if sensor is None or time < wish.asked or robot in wish.looked or not self._open(name):
+                continue
+            if not {"request", *wish.needs} <= self._able.get(robot, frozenset()):
                 continue
             place = np.array(wish.place, dtype=np.float64)[:, None]
             seen = float(sensor.detection(place, np.asarray(pose)[None])[0, 0])
