@@ -20,7 +20,7 @@ from agents.rehearsal import rehearse_robot
 from agents.robot import Robot
 from agents.shell import HEALTH_PERIOD_S, Shell, run_until_done
 from agents.team import Team
-from agents.topics import BID, EVENT, HEALTH, PICTURE, PLAN, POSE, POSTERIOR, REQUEST, SET
+from agents.topics import BID, EVENT, HEALTH, PICTURE, PLAN, POSE, POSTERIOR, REQUEST, SET, Topic
 from planner.avoidance.halt import Evader
 from planner.plan import Plan, PlanProblem, TeamPlanner
 
