@@ -6,12 +6,13 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from agents.messages import (
+    EstimateMessage,
     MeasurementSetMessage,
     PictureMessage,
     PlanMessage,
     PoseMessage,
-    PosteriorMessage,
 )
+from agents.topics import POSTERIOR
 from estimator.arrays import FloatArray
 from estimator.exploration import Exploration
 from estimator.filter import Area
@@ -33,7 +34,8 @@ class Belief:
         sensors: Mapping[str, SensorModel],
         periods: Mapping[str, float],
     ) -> None:
-        self.posterior: PosteriorMessage | None = None
+        self.posterior: EstimateMessage | None = None
+        self._estimates: dict[str, tuple[float, EstimateMessage]] = {}  # newest of each sender, when heard
         self.commitments: dict[str, Commitment] = {}
         self.poses: dict[str, PoseMessage] = {}
         self._robot = robot
@@ -50,15 +52,29 @@ class Belief:
         applied = self.posterior.applied if self.posterior else 0
         return f"Belief({self._robot}, applied={applied}, commitments={sorted(self.commitments)})"
 
-    def hear_posterior(self, message: PosteriorMessage) -> None:
-        """Keep the posterior that has more applied; of several fusions the fullest is believed.
+    def hear_posterior(self, message: EstimateMessage, now: float = 0.0) -> None:
+        """Believe the estimate that has most applied, of all fusions that are still heard.
 
         One of another dimension than the mission's is not believed at all.
         """
         if message.means.shape[0] != self._dimension:
             return
-        if self.posterior is None or message.applied >= self.posterior.applied:
-            self.posterior = message
+        _, known = self._estimates.get(message.sender, (now, None))
+        if known is not None and known.boot == message.boot and known.sequence > message.sequence:
+            return  # overtaken on its way
+        self._estimates[message.sender] = now, message
+        self._choose(now)
+
+    def forget_posterior(self, sender: str, now: float) -> None:
+        """A sender's estimate is not to be believed any more, if there is another."""
+        self._estimates.pop(sender, None)
+        self._choose(now)
+
+    def _choose(self, now: float) -> None:
+        oldest = now - POSTERIOR.stale_after_s
+        heard = [message for when, message in self._estimates.values() if when >= oldest]
+        if heard:
+            self.posterior = max(heard, key=lambda message: (message.applied, message.time))
 
     def hear_picture(self, message: PictureMessage) -> None:
         """Take over the fusion's exploration function, unless its grid is another."""

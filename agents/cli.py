@@ -156,9 +156,15 @@ def robot(
             "--id", metavar="ID", help="Which of the mission's robots.", autocompletion=_complete_robot
         ),
     ],
+    out: Annotated[
+        Path,
+        typer.Option(metavar="DIR", help="Where it keeps the sets that no fusion has; give the same again."),
+    ] = Path("runs", "robots"),
     connect: Connect = None,
 ) -> None:
     """Run one robot: what swarm starts for each, here by hand on the robot's own computer.
+
+    Killed and started again with the same --out it offers again what it had measured before.
 
     \b
     Example:
@@ -169,7 +175,10 @@ def robot(
     resolved = load(mission)  # a wrong mission is told before anything else is imported
     from agents import robot_process
 
-    raise typer.Exit(robot_process.run(resolved, robot_id, connect=connect or []))
+    from agents.run_directory import RunDirectory
+
+    outbox = RunDirectory(out).outbox_of(robot_id)
+    raise typer.Exit(robot_process.run(resolved, robot_id, outbox=outbox, connect=connect or []))
 
 
 @app.command(short_help="Run the fusion service of a team.")
@@ -179,13 +188,17 @@ def fusion(
         Path | None,
         typer.Option(metavar="DIR", help="Where the ledger is, or will be; else a new directory in runs/."),
     ] = None,
+    name: Annotated[
+        str, typer.Option("--id", metavar="ID", help="Which of the mission's fusions, if it has several.")
+    ] = "fusion",
     connect: Connect = None,
     seed: Seed = None,
     speed: Speed = 1.0,
 ) -> None:
     """Run the fusion service, which keeps the ledger and the team's posterior, and starts the team.
 
-    Started again with the same --out it goes on where it was.
+    Started again with the same --out it goes on where it was. Where the mission has several
+    (fusion.replicas), each has its own ledger; they are fusion, fusion-2 and so on.
 
     \b
     Example:
@@ -198,8 +211,10 @@ def fusion(
     from agents.run_directory import RunDirectory
 
     directory = _existing(out) if out is not None else RunDirectory.create(resolved, None).path
-    ledger = RunDirectory(directory).ledger
-    raise typer.Exit(fusion_process.run(resolved, ledger=ledger, connect=connect or [], speed=speed))
+    ledger = RunDirectory(directory).ledger_of(name)
+    raise typer.Exit(
+        fusion_process.run(resolved, ledger=ledger, connect=connect or [], speed=speed, name=name)
+    )
 
 
 def _existing(directory: Path) -> Path:

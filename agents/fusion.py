@@ -48,6 +48,7 @@ class FusionSetup:
     sensors: Mapping[str, SensorModel]
     history: History | None = None  # where its `Store` actions end up; None: what is very late comes last
     fingerprint: str = ""  # of what makes states the same, see agents.snapshot
+    host: str = ""  # checkpoints of another are not bit for bit what this one would have
 
 
 class Fusion:
@@ -68,7 +69,9 @@ class Fusion:
             late=mission.fusion.late_sets,
             history=setup.history,
         )
-        self._snapshots = Snapshots(self._estimate.initial, setup.fingerprint)
+        initial = self._estimate.initial
+        self._shared = Snapshots(initial, setup.fingerprint)  # with robots on whatever hosts
+        self._snapshots = Snapshots(initial, setup.fingerprint + setup.host)
         self._admission = Admission(mission, setup.search, setup.sensors, self.counters)
         self.replicas = Replicas(setup.id, mission.fusions())
         self._picture_at = 0.0
@@ -222,7 +225,7 @@ class Fusion:
             **self.stamp.header(STATE, state.time),
             watermark=estimate.applied.all(),
             applied=estimate.sets,
-            state=self._snapshots.encode(state),
+            state=self._shared.encode(state),
         )
 
     def _announce(self, now: float) -> list[Action]:

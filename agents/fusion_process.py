@@ -21,7 +21,19 @@ from agents.rehearsal import rehearse_fusion
 from agents.shell import HEALTH_PERIOD_S, Shell, run_until_done
 from agents.snapshot import fingerprint
 from agents.team import Team
-from agents.topics import CLOCK, EVENT, HEALTH, PICTURE, POSTERIOR, SET, SOFT_OBSERVATION, START
+from agents.topics import (
+    CLOCK,
+    EVENT,
+    HEALTH,
+    LEDGER,
+    PICTURE,
+    POSTERIOR,
+    RELAY,
+    SET,
+    SOFT_OBSERVATION,
+    START,
+    STATE,
+)
 from agents.transport import PeerChange
 
 NAME = "fusion"

@@ -5,7 +5,7 @@ comes. It reads no clock, opens no socket and starts no thread. The process shel
 virtual-time engine (sim.engine) run the same objects, so what is shown in one holds in the other.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypedDict
 
@@ -55,7 +55,14 @@ class ClockTrust:
     trusted: bool
 
 
-Event = Heard | Measured | Planned | PeerChange | Delayed | ClockTrust
+@dataclass(frozen=True, slots=True)
+class Reckoned:
+    """The work of a `Reckon` action is done."""
+
+    number: int
+
+
+Event = Reckoned | Heard | Measured | Planned | PeerChange | Delayed | ClockTrust
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +112,22 @@ class Keep:
     kept: Sequence[Key]
 
 
-Action = Publish | Follow | Measure | RequestPlan | Store | Keep
+@dataclass(frozen=True, slots=True)
+class Release:
+    """A fusion has these of what was stored (boot, sequence): they need not be kept here any more."""
+
+    places: Sequence[tuple[str, int]]
+
+
+@dataclass(frozen=True, slots=True)
+class Reckon:
+    """Do this away from the loop; what it changes is not touched until it comes back as `Reckoned`."""
+
+    number: int
+    work: Callable[[], None]
+
+
+Action = Release | Reckon | Publish | Follow | Measure | RequestPlan | Store | Keep
 
 
 class Header(TypedDict):

@@ -1,14 +1,15 @@
 """What a robot asks its planner: one frozen problem out of all that it believes."""
 
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from agents.alone import AloneSetup
 from agents.belief import Belief
 from agents.devices import VehicleState
-from agents.messages import PoseMessage
+from agents.messages import MeasurementSetMessage, PoseMessage
 from agents.mission import Mission, start_pose
 from agents.topics import POSE
 from estimator.arrays import FloatArray
@@ -39,6 +40,8 @@ class RobotSetup:
     vehicles: Mapping[str, VehicleModel] = field(default_factory=dict)  # the whole team's, to keep apart
     patience: float = 1.0  # scales the re-offer time, for teams that run faster than the wall
     desk: Desk | None = None  # where robots share tasks: this one's part in it
+    left: Sequence[MeasurementSetMessage] = ()  # by its earlier boots, and acknowledged by no fusion
+    alone: AloneSetup | None = None  # what it needs to go on without a fusion; None: with what it heard last
 
 
 def plan_problem(

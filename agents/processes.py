@@ -21,15 +21,15 @@ class Process:
     """One row of the table. The rows stand in the order in which they are started."""
 
     role: str  # also the verb of the command line
-    per_robot: bool  # one for each robot of the mission, named by its id; else one, named by its role
+    per_member: bool  # one for each robot or fusion of the mission, named by its id; else one, as its role
     restart: Restart | Literal["as the mission says"]  # mission.restart.ROLE
     options: tuple[str, ...]  # which of the launch's values go on its command line
     forked: bool = True  # from what robots and the fusion have loaded; else it starts by itself
 
 
 PROCESSES = (
-    Process("fusion", False, "as the mission says", ("out", "connect", "speed")),
-    Process("robot", True, "as the mission says", ("id", "connect")),
+    Process("fusion", True, "as the mission says", ("id", "out", "connect", "speed")),
+    Process("robot", True, "as the mission says", ("id", "out", "connect")),
     # A dead viewer costs the picture, a restarted one would write over the record of the start. It loads what
     # no robot may, and comes last, so that nobody waits for it.
     Process("watch", False, "never", ("out", "connect", "view"), forked=False),
@@ -70,7 +70,8 @@ def commands(mission: Mission, launch: Launch) -> list[Command]:
         restart: Restart = (
             row.restart if row.restart != "as the mission says" else _restart(mission, row.role)
         )
-        names = [robot.id for robot in mission.robots] if row.per_robot else [row.role]
+        members = {"robot": [robot.id for robot in mission.robots], "fusion": mission.fusions()}
+        names = members[row.role] if row.per_member else [row.role]
         made += [Command(name, row.role, _argv(row, name, launch), restart, row.forked) for name in names]
     return made
 

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from agents.allocation import Allocation
+from agents.alone import Alone
 from agents.belief import Belief
 from agents.devices import VehicleState
 from agents.machine import (
@@ -24,18 +25,23 @@ from agents.machine import (
     Measured,
     Planned,
     Publish,
+    Reckoned,
+    Release,
     RequestPlan,
     Stamp,
+    Store,
 )
 from agents.measure_clock import MeasureClock
 from agents.messages import (
     BidMessage,
+    LedgerEntry,
     MeasurementSetMessage,
     PictureMessage,
     PlanMessage,
     PoseMessage,
     PosteriorMessage,
     RequestMessage,
+    StateMessage,
 )
 from agents.plan_request import RobotSetup, plan_problem
 from agents.robot_words import blind, plan_message, pose_message
@@ -67,8 +73,10 @@ class Robot:
             self.id, self._area, tuple(mission.exploration.points), setup.sensors, setup.periods
         )
         self.unacknowledged: Unacknowledged[MeasurementSetMessage] = Unacknowledged(
-            setup.boot, mission.settings.reoffer_after_s * max(1.0, setup.patience)
+            setup.boot, mission.settings.reoffer_after_s * max(1.0, setup.patience), setup.left
         )
+        self._released: list[tuple[str, int]] = []  # acknowledged in this step
+        self.alone = None if setup.alone is None else Alone(setup.alone, self.id, now, setup.patience)
         self.allocation: Allocation | None = None
         if setup.desk is not None and setup.follows_plans:
             self.allocation = Allocation(mission, self.id, setup.desk, setup.sensors, now, setup.patience)
@@ -101,12 +109,13 @@ class Robot:
 
     @property
     def state(self) -> str:
-        """One word for people."""
+        """A word or two for people."""
         if not self._setup.follows_plans:
             return "replaying"
+        word = "planning" if self._awaited is not None else "holding"
         if self._trajectory is not None:
-            return "moving"
-        return "planning" if self._awaited is not None else "holding"
+            word = "moving"
+        return f"{word}, alone" if self.alone is not None and self.alone.alone else word
 
     def next_wake(self) -> float:
         """The team time at which `step` must be called even if nothing happens."""
@@ -117,6 +126,8 @@ class Robot:
             times.append(self._plan_at)
         if self.allocation is not None:
             times.append(self.allocation.next_wake())
+        if self.alone is not None:
+            times.append(self.alone.next_wake())
         return min(times)
 
     def step(self, now: float, body: VehicleState, events: Sequence[Event]) -> list[Action]:
@@ -127,6 +138,8 @@ class Robot:
                 self._hear(now, event)
             elif isinstance(event, Measured):
                 actions += self._take(event)
+            elif isinstance(event, Reckoned) and self.alone is not None:
+                self.alone.reckoned(event.number)
             elif isinstance(event, Planned):
                 actions += self._decide(now, event)
             elif isinstance(event, Delayed):
@@ -138,6 +151,8 @@ class Robot:
                     self.belief.forget(event.peer.id)
                 if self.allocation is not None:
                     self.allocation.peer(now, event)
+        if self.alone is not None:
+            actions += self.alone.step(now, self.stamp, self.belief)
         self._progress(now, body)
         actions += self.measuring.measure(now, body.pose, self.belief)
         if self.allocation is not None:
@@ -147,6 +162,9 @@ class Robot:
         if now >= self._pose_at:
             actions.append(self._publish_pose(now, body))
         actions += [Publish(SET, message) for message in self.unacknowledged.due(now)]
+        if self._released:
+            actions.append(Release(self._released))
+            self._released = []
         return actions
 
     # What is heard
@@ -154,13 +172,21 @@ class Robot:
     def _hear(self, now: float, event: Heard) -> None:
         message = event.message
         if isinstance(message, PosteriorMessage):
-            self.belief.hear_posterior(message)
-            self.unacknowledged.acknowledge(self.id, message)
+            self.belief.hear_posterior(message, now)
+            self._released += self.unacknowledged.acknowledge(self.id, message)
+            if self.alone is not None:
+                self.alone.hear_posterior(now, message)
+        elif isinstance(message, StateMessage):
+            if self.alone is not None:
+                self.alone.hear_state(message)
         elif isinstance(message, PictureMessage):
             self.belief.hear_picture(message)
-        elif isinstance(message, MeasurementSetMessage):
-            self.belief.hear_set(message)
-            self._looked(message)
+        elif isinstance(message, LedgerEntry):
+            if isinstance(message, MeasurementSetMessage):
+                self.belief.hear_set(message)
+                self._looked(message)
+            if self.alone is not None:
+                self.alone.hear(message)
         elif isinstance(message, BidMessage | RequestMessage):
             if self.allocation is not None:
                 self.allocation.hear(now, message)
@@ -192,7 +218,9 @@ class Robot:
         self.belief.looked(message.time, self.id, message.pose)
         self._looked(message)
         self.unacknowledged.add(message)
-        return [Publish(SET, message)]
+        if self.alone is not None:
+            self.alone.hear(message)
+        return [Store([message]), Publish(SET, message)]
 
     def _looked(self, message: MeasurementSetMessage) -> None:
         if self.allocation is not None:

@@ -6,27 +6,56 @@ import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
+from pathlib import Path
 
 from agents.attention import Attention
 from agents.body import RobotBody
-from agents.errors import LinkError, MissionError
+from agents.errors import LinkError, MissionError, StorageError
 from agents.health import health_message
 from agents.histogram import Histogram
-from agents.machine import Action, Event, Heard, Planned, Publish, RequestPlan
-from agents.messages import PoseMessage
+from agents.machine import (
+    Action,
+    Event,
+    Heard,
+    Planned,
+    Publish,
+    Reckon,
+    Reckoned,
+    Release,
+    RequestPlan,
+    Store,
+)
+from agents.messages import MeasurementSetMessage, PoseMessage
 from agents.mission import Mission
+from agents.mission_file import mission_hash
+from agents.outbox import Outbox
 from agents.plan_request import RobotSetup
 from agents.rehearsal import rehearse_robot
 from agents.robot import Robot
 from agents.shell import HEALTH_PERIOD_S, Shell, run_until_done
+from agents.snapshot import fingerprint
 from agents.team import Team
-from agents.topics import BID, EVENT, HEALTH, PICTURE, PLAN, POSE, POSTERIOR, REQUEST, SET, Topic
+from agents.topics import (
+    BELIEF,
+    BID,
+    EVENT,
+    HEALTH,
+    PICTURE,
+    PLAN,
+    POSE,
+    POSTERIOR,
+    REQUEST,
+    SET,
+    SOFT_OBSERVATION,
+    STATE,
+    Topic,
+)
 from planner.avoidance.halt import Evader
 from planner.plan import Plan, PlanProblem, TeamPlanner
 
 
-def run(mission: Mission, robot_id: str, *, connect: Sequence[str] = ()) -> int:
-    """Run one robot until it is told to end; the exit status.
+def run(mission: Mission, robot_id: str, *, outbox: Path, connect: Sequence[str] = ()) -> int:
+    """Run one robot until it is told to end; the exit status. `outbox` keeps the sets that no fusion has.
 
     Raises:
         SearchpartyError: with what to do about it.
@@ -36,10 +65,10 @@ def run(mission: Mission, robot_id: str, *, connect: Sequence[str] = ()) -> int:
     except KeyError:
         known = ", ".join(robot.id for robot in mission.robots)
         raise MissionError(f"the mission has no robot {robot_id!r}; its robots are {known}") from None
-    return run_until_done(partial(_main, mission, robot_id, connect))
+    return run_until_done(partial(_main, mission, robot_id, outbox, connect))
 
 
-async def _main(mission: Mission, robot_id: str, connect: Sequence[str]) -> int:
+async def _main(mission: Mission, robot_id: str, path: Path, connect: Sequence[str]) -> int:
     team = Team.of(mission)
     if isinstance(team.planner, TeamPlanner):
         raise MissionError(f"planner {mission.planner['kind']!r} needs a centre: use searchparty simulate")
@@ -47,29 +76,47 @@ async def _main(mission: Mission, robot_id: str, connect: Sequence[str]) -> int:
     gc.collect()
     gc.freeze()  # what lives now lives to the end: no collection needs to look at it
     async with Shell(mission, "robot", robot_id, connect) as shell:
-        for topic in (POSE, SET, PICTURE, POSTERIOR):
+        for topic in (POSE, SET, PICTURE, POSTERIOR, STATE, SOFT_OBSERVATION):
             shell.transport.subscribe(topic, urgent=False)
         shell.transport.subscribe(PLAN)
-        for topic in (POSE, SET, PLAN, HEALTH, EVENT):
+        for topic in (POSE, SET, PLAN, HEALTH, EVENT, BELIEF):
             shell.transport.prepare(topic)
         try:
             seed = await shell.join_team()
         except LinkError:
             return 0
-        process = RobotProcess(shell, team, robot_id, seed)
-        try:
-            await process.run()
-        finally:
-            process.close()
+        with _outbox(shell, seed, path) as outbox:
+            process = RobotProcess(shell, team, robot_id, seed, outbox)
+            try:
+                await process.run()
+            finally:
+                process.close()
     return 0
+
+
+def _outbox(shell: Shell, seed: int, path: Path) -> Outbox:
+    """What the robot's earlier boots in this run left, told to people."""
+    mission = shell.mission
+    run = f"{shell.clock.epoch!r} {seed} {mission_hash(mission)}"
+    outbox = Outbox(
+        path, team=mission.team, robot=shell.name, run=run, synchronous=mission.fusion.synchronous
+    )
+    if outbox.left:
+        shell.announce(f"offers {len(outbox.left)} sets that it had measured before it started again")
+    if outbox.put_aside is not None:
+        shell.announce(f"had sets of another run, which are now in {outbox.put_aside}", "warning")
+    return outbox
 
 
 class RobotProcess:
     """The loop around one RobotBody."""
 
-    def __init__(self, shell: Shell, team: Team, robot_id: str, seed: int) -> None:
+    def __init__(self, shell: Shell, team: Team, robot_id: str, seed: int, outbox: Outbox) -> None:
         self._shell = shell
         self._team = team
+        self._outbox = outbox
+        self._unkept = 0  # sets that the disk did not take
+        self._estimating: ThreadPoolExecutor | None = None  # once the robot is on its own
         self._plan_ms = Histogram()
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="planner")
         now = max(0.0, shell.clock.now())
@@ -99,6 +146,8 @@ class RobotProcess:
             plan_lead_s=0.25 * max(1.0, shell.clock.speed),
             patience=shell.clock.speed,
             desk=desk,
+            left=outbox.left,
+            alone=team.alone(seed, fingerprint(team.mission, seed, team.filter)),
         )
         self._robot = Robot(setup, now)
         self._robot.stamp = shell.stamp
@@ -138,14 +187,45 @@ class RobotProcess:
     def close(self) -> None:
         """Let go of devices and the planner's thread."""
         self._body.close()
-        self._pool.shutdown(wait=False, cancel_futures=True)
+        for pool in (self._pool, self._estimating):
+            if pool is not None:
+                pool.shutdown(wait=False, cancel_futures=True)
 
     def _perform(self, action: Action) -> None:
         if isinstance(action, Publish):
             self._shell.publish(action.topic, action.message)
+        elif isinstance(action, Store | Release):
+            self._keep(action)
+        elif isinstance(action, Reckon):
+            self._reckon(action)
         elif isinstance(action, RequestPlan):
             # A set taken at the same instant is sent before the planner competes with that for the GIL.
             asyncio.get_running_loop().call_soon(self._begin_plan, action)
+
+    def _keep(self, action: Store | Release) -> None:
+        """A full disk does not stop a robot: it goes on, and says what it cannot promise any more."""
+        try:
+            if isinstance(action, Release):
+                self._outbox.release(action.places)
+            else:
+                self._outbox.add([e for e in action.entries if isinstance(e, MeasurementSetMessage)])
+        except StorageError as error:
+            if not self._unkept:
+                self._shell.announce(f"{error}; until then a restart would lose its newest sets", "error")
+            self._unkept += 1
+
+    def _reckon(self, action: Reckon) -> None:
+        if self._estimating is None:
+            self._estimating = ThreadPoolExecutor(1, thread_name_prefix="estimator")
+        future = asyncio.get_running_loop().run_in_executor(self._estimating, action.work)
+        future.add_done_callback(partial(self._reckoned, action.number))
+
+    def _reckoned(self, number: int, future: "asyncio.Future[None]") -> None:
+        if future.cancelled():
+            return
+        if (error := future.exception()) is not None:
+            self._shell.announce(f"the own estimate failed: {error!r}; going on with it as it was", "error")
+        self._shell.tell(Reckoned(number))
 
     def _begin_plan(self, request: RequestPlan) -> None:
         future = asyncio.get_running_loop().run_in_executor(self._pool, self._plan, request.problem)
@@ -181,6 +261,7 @@ class RobotProcess:
                 "sets": robot.stamp.sent(SET),
                 "reoffered": robot.unacknowledged.reoffered,
                 "unacknowledged": len(robot.unacknowledged),
+                "unkept_sets": self._unkept,
                 "skipped_measurements": robot.measuring.skipped,
                 "untimed_measurements": robot.measuring.untimed,
                 **(robot.allocation.counters() if robot.allocation else {}),

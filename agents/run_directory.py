@@ -12,7 +12,7 @@ from agents.mission_file import dumps
 
 
 class RunDirectory:
-    """mission.toml, summary.json, ledger.sqlite, view.rrd and a log file per process."""
+    """mission.toml, summary.json, ledgers, outboxes, view.rrd and a log file per process."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -47,7 +47,15 @@ class RunDirectory:
 
     @property
     def ledger(self) -> Path:
-        return self.path / "ledger.sqlite"
+        return self.ledger_of("fusion")
+
+    def ledger_of(self, fusion: str) -> Path:
+        """Each fusion has a ledger of its own."""
+        return self.path / ("ledger.sqlite" if fusion == "fusion" else f"ledger-{fusion}.sqlite")
+
+    def outbox_of(self, robot: str) -> Path:
+        """Where a robot keeps the sets that no fusion has."""
+        return self.path / f"{robot}.outbox"
 
     @property
     def view(self) -> Path:

@@ -172,13 +172,13 @@ def _restored(
     return np.ndarray(shape, dtype, bytearray(data), start, strides)
 
 
-def fingerprint(mission: Mission, seed: int, filter: object, host: str = "") -> str:
+def fingerprint(mission: Mission, seed: int, filter: object) -> str:
     """64 hexadecimal digits: the same only if the same sets give the same state, as far as one can tell.
 
     Of the mission, the seed, the code of the estimator and of the filter's own package, and the versions of
-    what computes; with a `host` of that machine too, since processors differ in last bits.
+    what computes. Two processors may still differ in last bits.
     """
-    words = f"{mission_hash(mission)} {seed} {_code(type(filter).__module__)} {host}"
+    words = f"{mission_hash(mission)} {seed} {_code(type(filter).__module__)}"
     return hashlib.sha256(words.encode()).hexdigest()
 
 

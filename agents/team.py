@@ -9,6 +9,7 @@ from typing import Any
 import msgspec
 
 from agents import plugins
+from agents.alone import AloneSetup
 from agents.devices import DeviceContext, Sensor, Vehicle, World
 from agents.errors import MissionError
 from agents.ground import team_ground
@@ -86,6 +87,12 @@ class Team:
             vehicles,
             sensors,
         )
+
+    def alone(self, seed: int, fingerprint: str = "") -> AloneSetup | None:
+        """What a robot needs to go on without a fusion, where the mission has it so."""
+        if self.mission.fusion.share_state_s == 0.0:
+            return None
+        return AloneSetup(self.mission, self.search(), self.sensor_models, seed, fingerprint)
 
     def search(self) -> Search[Any]:
         """The team's estimate around the mission's filter, with the mission's thresholds."""

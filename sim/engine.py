@@ -16,8 +16,8 @@ from agents import codec
 from agents.clock import VirtualClock
 from agents.histogram import Histogram
 from agents.ledger import Ledger
-from agents.machine import Action, Heard, Keep, Planned, Publish, RequestPlan, Store
-from agents.messages import EventMessage, Message, PosteriorMessage
+from agents.machine import Action, Event, Heard, Keep, Planned, Publish, Reckon, Reckoned, Release, RequestPlan, Store
+from agents.messages import EventMessage, LedgerEntry, MeasurementSetMessage, Message, PosteriorMessage
 from agents.scoreboard import Scoreboard
 from agents.seeds import generator
 from agents.team import Team
@@ -66,6 +66,7 @@ class Engine:
         self.ledgers = dict(ledgers or {name: Ledger() for name in team.mission.fusions()})
         if ledger is not None:
             self.ledgers[FUSION] = ledger
+        self.outboxes: dict[str, dict[tuple[str, int], LedgerEntry]] = {}  # robots' disks, by robot
         self.full: set[str] = set()  # fusions whose disk takes nothing more
         self._digest = hashlib.sha256()
         self._heap: list[tuple[float, int, Callable[[], None]]] = []
@@ -147,6 +148,16 @@ class Engine:
         elif isinstance(action, RequestPlan):
             self.onlooker.asked(node, action.problem)
             self.planning.request(action.problem, partial(self._planned, node, node.boot, action.number))
+        elif isinstance(action, Store) and node.role == "robot":
+            self._point(node, "before store")
+            self.outboxes.setdefault(node.name, {}).update({(e.boot, e.sequence): e for e in action.entries})
+            self._point(node, "after store")
+        elif isinstance(action, Release):
+            for place in action.places:
+                self.outboxes.setdefault(node.name, {}).pop(place, None)
+        elif isinstance(action, Reckon):
+            action.work()
+            self.after(0.0, partial(self._tell, node, node.boot, Reckoned(action.number)))
         elif isinstance(action, Store):
             self._point(node, "before store")
             if node.name in self.full:
@@ -166,9 +177,17 @@ class Engine:
         if node.life is not Life.RUNNING:
             raise Killed
 
+    def left_in_outbox(self, robot: str) -> list[MeasurementSetMessage]:
+        """What the earlier boots of a robot took and no fusion acknowledged."""
+        left = self.outboxes.get(robot, {}).values()
+        return [entry for entry in left if isinstance(entry, MeasurementSetMessage)]
+
     def _planned(self, node: Node, boot: str, number: int, plan: Plan) -> None:
+        self._tell(node, boot, Planned(number, plan))
+
+    def _tell(self, node: Node, boot: str, event: Event) -> None:
         if node.boot == boot and node.life is not Life.OFF:
-            node.tell(Planned(number, plan))
+            node.tell(event)
 
     def _near(self) -> Near:
         """Whom each robot's radio reaches, as of the last second."""

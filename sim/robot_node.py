@@ -13,7 +13,7 @@ from agents.machine import Action, Event
 from agents.messages import HealthMessage
 from agents.plan_request import RobotSetup
 from agents.robot import Robot
-from agents.topics import BID, PICTURE, PLAN, POSE, POSTERIOR, REQUEST, SET
+from agents.topics import BID, PICTURE, PLAN, POSE, POSTERIOR, REQUEST, SET, SOFT_OBSERVATION, STATE
 from sim.nodes import Life, Node
 from sim.steady import SETPOINTS_S, SteadySensor, SteadyVehicle
 
@@ -50,6 +50,8 @@ class RobotNode(Node):
             first_capture=self.sensor.next_capture(now - 1e-9),
             stagger_s=0.0 if self.engine.planning.joint else 0.1,
             desk=team.desk(self.name),
+            left=self.engine.left_in_outbox(self.name),
+            alone=team.alone(self.engine.seed),
         )
         self.robot = Robot(setup, now)
         self.body = RobotBody(self.robot, self.vehicle, self.sensor, self.clock, self._perform)
@@ -74,7 +76,7 @@ class RobotNode(Node):
         self.engine.after(SETPOINTS_S, look)
 
     def _subscribe(self) -> None:
-        for topic in (POSE, SET, PICTURE, POSTERIOR):
+        for topic in (POSE, SET, PICTURE, POSTERIOR, STATE, SOFT_OBSERVATION):
             self.transport.subscribe(topic, urgent=False)
         self.transport.subscribe(PLAN)
         if self.engine.team.desk(self.name) is not None:

@@ -6,7 +6,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from agents.mission import Mission, RestartTable
+from agents.mission import FusionTable, Mission, RestartTable
 from agents.processes import PROCESSES, Launch, commands
 
 MISSION = msgspec.convert(
@@ -39,12 +39,21 @@ def test_a_command_is_what_a_person_would_type() -> None:
     fusion, robot, _, watch = commands(MISSION, LAUNCH)
     connect = ("--connect", "tcp/127.0.0.1:1", "--connect", "tcp/127.0.0.1:2")
     prefix = (sys.executable, "-m", "agents.cli")
-    assert robot.argv == (*prefix, "robot", "run/mission.toml", "--id", "r1", *connect)
+    assert robot.argv == (*prefix, "robot", "run/mission.toml", "--id", "r1", "--out", "run", *connect)
     assert fusion.argv == (
-        *(*prefix, "fusion", "run/mission.toml", "--out", "run", *connect),
+        *(*prefix, "fusion", "run/mission.toml", "--id", "fusion", "--out", "run", *connect),
         *("--speed", "2"),
     )
     assert watch.argv[3:] == ("watch", "run/mission.toml", "--out", "run", *connect, "--view", "spawn")
+
+
+def test_a_mission_with_replicas_has_as_many_fusions() -> None:
+    mission = msgspec.structs.replace(MISSION, fusion=FusionTable(replicas=3))
+    assert [c.name for c in commands(mission, LAUNCH) if c.role == "fusion"] == [
+        "fusion",
+        "fusion-2",
+        "fusion-3",
+    ]
 
 
 @pytest.mark.parametrize("robot", ["never", "always"])
