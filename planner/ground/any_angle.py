@@ -223,6 +223,7 @@ def ways_back(
     clearance: FlagArray,
     source: FloatArray,
     goals: FloatArray,
+    straight: BoolArray,
     corners: ShortArray,
     closed: BoolArray,
     offsets: IntArray,
@@ -230,7 +231,8 @@ def ways_back(
     """The corners (3, m) of the ways from the source to goals (3, n), in cell coordinates, one after another.
 
     Way i is at offsets[i]:offsets[i + 1] (n + 1,), which is filled here: source and goal among its corners,
-    without those that a straight line may skip; nothing where the goal's cell is not closed.
+    without those that a straight line may skip; these two only where it is known that the line between
+    them is open, and nothing where neither that is so nor the goal's cell is closed.
     """
     _, rows, columns = clearance.shape
     out, count = np.empty((3, 64)), 0
@@ -239,12 +241,13 @@ def ways_back(
         offsets[g + 1] = count
         x, y, z = goals[0, g], goals[1, g], goals[2, g]
         cell = (int(z) * rows + int(y)) * columns + int(x)
-        if not closed[cell] or corners[cell] == UNREACHED:
-            continue
         many, at = 2, cell  # corners: the cells passed, source and goal
-        while at >= 0:
-            many += 1
-            at = corners[at]
+        if not straight[g]:
+            if not closed[cell] or corners[cell] == UNREACHED:
+                continue
+            while at >= 0:
+                many += 1
+                at = corners[at]
         while count + many > out.shape[1]:
             more = np.empty((3, 2 * out.shape[1]))
             more[:, :count] = out[:, :count]

@@ -1,7 +1,6 @@
 """Ways between the free cells of one grid, and the waves of distances from places that were asked about."""
 
 from collections import OrderedDict
-from itertools import pairwise
 
 import numpy as np
 
@@ -125,19 +124,37 @@ class FreeGrid:
         open_ways(self.clearance, starts, ends, out)
         return out
 
-    def way(self, source: FloatArray, goal: FloatArray, over: Over) -> FloatArray | None:
-        """The corners (3, k) of a shortest way from a free place (3,) to another; None: no way or time."""
+    def ways(
+        self, source: FloatArray, goals: FloatArray, over: Over, *, sweep: bool
+    ) -> tuple[FloatArray, IntArray]:
+        """The corners (3, m) of the shortest ways from a free place (3,) to others (3, n), one after another.
+
+        The ends (n + 1,) say where each begins and the next one: nowhere if there is no way, or no time.
+
+        Args:
+            sweep: whether to find all by one wave, which is remembered, or each by a search of its own.
+        """
+        straight = self.straight(np.repeat(source[:, None], goals.shape[1], axis=1), goals)
+        if straight.all():
+            lines = np.repeat(goals, 2, axis=1)
+            lines[:, ::2] = source[:, None]
+            return lines, 2 * np.arange(goals.shape[1] + 1)
+        if sweep:
+            wave = self._wave(source, np.ascontiguousarray(goals[:, ~straight]), over)
+            return self._back(wave, goals, straight)
+        found, counts = [], [0]
+        for goal in np.ascontiguousarray(goals.T):
+            found.append(self._search(source, goal, over))
+            counts.append(found[-1].shape[1])
+        return np.hstack(found), np.cumsum(np.array(counts, dtype=np.int64))
+
+    def _search(self, source: FloatArray, goal: FloatArray, over: Over) -> FloatArray:
         wave = Wave(self, source, goal)
         while not wave.ended:
             if over():
-                return None
+                return np.zeros((3, 0))
             wave.grow()
-        found = self._back(wave, goal[:, None])[0]
-        return found if found.shape[1] else None
-
-    def ways(self, source: FloatArray, goals: FloatArray, over: Over) -> list[FloatArray]:
-        """The corners (3, k) of the ways from a free place (3,) to others (3, n); k = 0: no way or time."""
-        return self._back(self._wave(source, goals, over), goals)
+        return self._back(wave, goal[:, None], np.zeros(1, dtype=np.bool_))[0]
 
     def lengths(self, source: FloatArray, places: FloatArray, good: BoolArray, over: Over) -> FloatArray:
         """(n,) metres from a free place (3,) to those of places (3, n) that are good, that is free.
@@ -166,8 +183,7 @@ class FreeGrid:
         i, j, k = places.astype(np.int64)
         return np.asarray((k * rows + j) * columns + i)
 
-    def _back(self, wave: Wave, goals: FloatArray) -> list[FloatArray]:
-        offsets = np.empty(goals.shape[1] + 1, np.int64)
-        found = ways_back(self.clearance, wave.source, goals, wave.corners, wave.closed, offsets)
-        ends = offsets.tolist()
-        return [found[:, a:b] for a, b in pairwise(ends)]
+    def _back(self, wave: Wave, goals: FloatArray, straight: BoolArray) -> tuple[FloatArray, IntArray]:
+        ends = np.empty(goals.shape[1] + 1, np.int64)
+        goals = np.ascontiguousarray(goals)
+        return ways_back(self.clearance, wave.source, goals, straight, wave.corners, wave.closed, ends), ends

@@ -6,6 +6,7 @@ therefore clear; what it calls blocked may have up to 1.5 cells' diagonals of ro
 """
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
@@ -245,26 +246,15 @@ class GridGround:
         if len(grid.clearance) == 1:
             places[2] = 0.5
         source, places = np.ascontiguousarray(places[:, 0]), np.ascontiguousarray(places[:, 1:])
-        straight = grid.straight(np.repeat(source[:, None], len(ways), axis=1), places)
-        for n in np.flatnonzero(straight):
-            ways[n] = np.stack([start, goals[:, n]], axis=1)
-        todo = np.flatnonzero(~straight)
-        rest = np.ascontiguousarray(places[:, todo])
-        if sweep and todo.size:
-            found: list[FloatArray | None] = [*grid.ways(source, rest, over)]
-        else:
-            found = [grid.way(source, np.ascontiguousarray(place), over) for place in rest.T]
-        for n, way in zip(todo, found, strict=True):
-            if way is not None and way.shape[1]:
-                ways[n] = self._in_metres(way, start, goals[:, n], flat=len(grid.clearance) == 1)
+        corners, ends = grid.ways(source, places, over, sweep=sweep)
+        points = self.frame.points(corners, start.size)
+        for n, (first, last) in enumerate(pairwise(ends.tolist())):
+            if first < last:
+                way = points[:, first:last]
+                if start.size == 3 and len(grid.clearance) == 1:
+                    steps = np.linalg.norm(np.diff(way[:2]), axis=0)
+                    share = np.append(0.0, np.cumsum(steps)) / max(float(steps.sum()), 1e-12)
+                    way[2] = start[2] + share * (goals[2, n] - start[2])
+                way[:, 0], way[:, -1] = start, goals[:, n]
+                ways[n] = way
         return ways
-
-    def _in_metres(self, way: FloatArray, start: FloatArray, goal: FloatArray, flat: bool) -> FloatArray:
-        """A way (3, k) in cell coordinates as points (d, k), exactly from start to goal."""
-        out = self.frame.points(way, start.size)
-        if start.size == 3 and flat:
-            steps = np.linalg.norm(np.diff(out[:2]), axis=0)
-            share = np.concatenate([[0.0], np.cumsum(steps)]) / max(float(steps.sum()), 1e-12)
-            out[2] = start[2] + share * (goal[2] - start[2])
-        out[:, 0], out[:, -1] = start, goal
-        return out

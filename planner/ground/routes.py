@@ -245,8 +245,9 @@ def trajectory_clear(ground: Ground, trajectory: Trajectory) -> bool:
         gone = np.linalg.norm(leaving - poses[:1, :3].T, axis=0)
         if ground.solid(np.ascontiguousarray(leaving)).any() or (gone > 2.0 * ground.reach).any():
             return False
-    rest = poses[first:]
-    return bool(ways_clear(ground, np.array([0, len(rest) - 1]), rest[:-1], rest[-1:, :3])[0])
+    rest = np.ascontiguousarray(poses[first:, :3].T)
+    straight = ground.segments_clear(np.ascontiguousarray(rest[:, :-1]), np.ascontiguousarray(rest[:, 1:]))
+    return bool(clear[-1]) and bool(straight.all())
 
 
 def stuck(ground: Ground, place: FloatArray) -> str:

@@ -124,12 +124,7 @@ def evenly(corners: FloatArray, steps: int, pose: FloatArray, turns: bool) -> Fl
 
 def part(corners: FloatArray, share: float) -> FloatArray:
     """The first `share` of a way (d, k), by length: its corners, and where it ends."""
-    legs = np.linalg.norm(np.diff(corners, axis=1), axis=0)
-    along = np.append(0.0, np.cumsum(legs))
-    end = share * along[-1]
-    kept = corners[:, along < end - 1e-9]
-    last = np.stack([np.interp(end, along, row) for row in corners])[:, None]
-    return np.hstack([kept, last])
+    return _part(np.ascontiguousarray(corners), share)
 
 
 def looks_along(vehicle: VehicleModel) -> bool:
@@ -238,3 +233,23 @@ def _poses(corners: FloatArray, ends: IntArray, pose: FloatArray, turns: bool, o
             east, north = corners[0, leg] - corners[0, leg - 1], corners[1, leg] - corners[1, leg - 1]
             if turns and (east != 0.0 or north != 0.0):
                 out[i, t, 3] = np.arctan2(north, east)
+
+
+@kernel
+def _part(corners: FloatArray, share: float) -> FloatArray:
+    d, k = corners.shape
+    legs = np.sqrt(((corners[:, 1:] - corners[:, :-1]) ** 2).sum(axis=0))
+    end, out, count = share * legs.sum(), np.empty((d, k + 1)), 0
+    along = 0.0
+    for c in range(k):
+        if c > 0:
+            along += legs[c - 1]
+        if c > 0 and along >= end - 1e-9:  # a millionth of a millimetre is no leg
+            before = along - legs[c - 1]
+            rest = min(1.0, (end - before) / legs[c - 1]) if legs[c - 1] > 0.0 else 1.0
+            out[:, count] = corners[:, c - 1] + rest * (corners[:, c] - corners[:, c - 1])
+            count += 1
+            break
+        out[:, count] = corners[:, c]
+        count += 1
+    return out[:, :count].copy()

@@ -3,7 +3,7 @@
 import numpy as np
 
 from estimator.filter import Area
-from planner.information.actions import Scales, action_set
+from planner.information.actions import Scales, action_set, part
 from planner.information.events import most_alone
 from planner.information.gains import Fixed, information, options
 from planner.information.mutual import mutual_information
@@ -16,7 +16,8 @@ def warm_information() -> None:
     fixed = Fixed.of(detection[0], weights, clutter, 2).with_action(some, 0)
     information(fixed, some)
     area = Area(np.zeros(2), np.ones(2))
-    action_set(np.full(4, 0.5), area, Scales(0.2, 2.0, 1, 2, 0.7), turns=True)
+    actions = action_set(np.full(4, 0.5), area, Scales(0.2, 2.0, 1, 2, 0.7), turns=True)
+    part(actions.corners[0], 0.5)
     most_alone(detection[0], weights, clutter, 2)
     assert np.isfinite(fixed.information)
     mutual_information(detection[0], weights, clutter)
