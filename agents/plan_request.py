@@ -8,6 +8,7 @@ import numpy as np
 
 from agents.alone import AloneSetup
 from agents.belief import Belief
+from agents.departure import PLANNING, departure
 from agents.devices import VehicleState
 from agents.messages import MeasurementSetMessage, PoseMessage
 from agents.mission import Mission, start_pose
@@ -17,7 +18,6 @@ from estimator.filter import Area
 from estimator.sensor import SensorModel
 from planner.allocation.desk import Desk
 from planner.plan import UNLIMITED, Budget, Commitment, PlanProblem, Trajectory, VehicleModel
-from planner.vehicles.route import advanced
 
 RESERVE = 0.05  # share of a budget that no plan may touch
 
@@ -34,7 +34,8 @@ class RobotSetup:
     periods: Mapping[str, float]  # measure clock Δ by robot, s
     follows_plans: bool = True
     first_capture: float | None = None  # of a sensor that has its own times
-    plan_lead_s: float = 0.25  # how long before its start a plan is asked for
+    plan_lead_s: float = 0.25  # how long before its start a plan is asked for, in team time
+    speed: float | None = None  # of team time against the wall's; None: virtual time, without a wall
     stagger_s: float = 0.1  # at the start, robot i of the mission waits i times this before it plans
     area: Area | None = None  # with its map; None: the mission's box
     vehicles: Mapping[str, VehicleModel] = field(default_factory=dict)  # the whole team's, to keep apart
@@ -51,10 +52,25 @@ def plan_problem(
     now: float,
     body: VehicleState,
     trajectory: Trajectory | None,
+    lead: float | None = None,
+    held: FloatArray | None = None,
+    following: Trajectory | None = None,
 ) -> PlanProblem:
-    """The problem of the robot's plan `number`, asked for at `now` on its way along `trajectory`."""
+    """The problem of the robot's plan `number`, asked for at `now`.
+
+    Args:
+        setup, belief: of the robot.
+        number: of the plan.
+        now: team time.
+        body: of the vehicle, now.
+        trajectory: that the robot is on; None: it holds.
+        lead: seconds from now at which the plan is to begin; None: the setup's.
+        held: (3,) the waypoint that it steers for where it holds; None: where it is.
+        following: that it has committed to and not begun yet, if any.
+    """
     mission, robot = setup.mission, setup.robot
-    start, state = _departure(setup, now, body, trajectory)
+    ahead = setup.plan_lead_s if lead is None else lead
+    start, state = departure(setup.vehicle, now, body, trajectory, ahead, held, following)
     others = tuple(commitment for other, commitment in sorted(belief.commitments.items()) if other != robot)
     standing = tuple(
         _standing(pose, start, setup.periods)
@@ -76,30 +92,17 @@ def plan_problem(
         separation=mission.settings.separation_m,
         intensity=belief.intensity(following=not mission.found.remove),
         budget=_budget(setup, start, body, trajectory),
+        deadline_s=planning_time(setup),
         seed=zlib.crc32(f"{mission.seed} {robot} {number}".encode()),
     )
 
 
-def _departure(
-    setup: RobotSetup, now: float, body: VehicleState, trajectory: Trajectory | None
-) -> tuple[float, FloatArray]:
-    """When and from which full vehicle state the next trajectory begins."""
-    lead = setup.plan_lead_s
-    hovers = getattr(setup.vehicle, "hovers", True)
-    if trajectory is None or (not hovers and now > trajectory.end_time):
-        if hovers:
-            return now + lead, body.state
-        # It flies on meanwhile, on what is left of its way and then in circles.
-        period = setup.vehicle.control_period
-        steps = max(0, round((now + lead - body.time) / period))
-        waypoint = body.pose[:3] if trajectory is None else trajectory.waypoint
-        return body.time + steps * period, setup.vehicle.advance(body.state, waypoint, steps)
-    if now + lead >= trajectory.end_time - 1e-9:
-        return max(trajectory.end_time, now), trajectory.end_state
-    period = setup.vehicle.control_period
-    steps = max(0, round((now + lead - body.time) / period))
-    state = advanced(setup.vehicle, body.state, trajectory, body.time, steps)
-    return body.time + steps * period, state
+def planning_time(setup: RobotSetup) -> float:
+    """Seconds of the wall's clock that a planner may take, so that its plan comes before it begins.
+
+    Virtual time gives none: what is decided there must not depend on the machine.
+    """
+    return np.inf if setup.speed is None else PLANNING * setup.plan_lead_s / setup.speed
 
 
 def _budget(setup: RobotSetup, start: float, body: VehicleState, trajectory: Trajectory | None) -> Budget:

@@ -15,6 +15,7 @@ from agents.allocation import Allocation
 from agents.alone import Alone
 from agents.belief import Belief
 from agents.devices import VehicleState
+from agents.departure import Lead, postponed
 from agents.machine import (
     Action,
     ClockTrust,
@@ -48,6 +49,7 @@ from agents.robot_words import blind, plan_message, pose_message
 from agents.topics import PLAN, POSE, SET
 from agents.transport import PeerChange
 from agents.unacknowledged import Unacknowledged
+from estimator.arrays import FloatArray
 from planner.plan import Plan, PlanProblem, Trajectory
 from planner.vehicles.route import routed
 
@@ -86,6 +88,8 @@ class Robot:
         rank = self._order.index(self.id) if now < setup.stagger_s else 0
         self._trajectory: Trajectory | None = None  # being followed
         self._next: Trajectory | None = None  # committed, begins at its start_time
+        self._held: FloatArray | None = None  # what is steered for where no trajectory is left
+        self.lead = Lead(setup.plan_lead_s)
         self._plan_at: float = now + rank * min(setup.stagger_s, 2.0 / len(self._order))
         self._late_at = np.inf  # when the trajectory is given up if the robot was turned aside on it
         self._plan_number = 0
@@ -141,7 +145,7 @@ class Robot:
             elif isinstance(event, Reckoned) and self.alone is not None:
                 self.alone.reckoned(event.number)
             elif isinstance(event, Planned):
-                actions += self._decide(now, event)
+                actions += self._decide(now, event, body)
             elif isinstance(event, Delayed):
                 actions += self._amend(now, body)
             elif isinstance(event, ClockTrust):
@@ -262,7 +266,18 @@ class Robot:
     def _request(self, now: float, body: VehicleState) -> RequestPlan:
         self._plan_number += 1
         self._awaited = self._plan_number
-        problem = plan_problem(self._setup, self.belief, self._plan_number, now, body, self._trajectory)
+        self.lead.asked(now)
+        problem = plan_problem(
+            self._setup,
+            self.belief,
+            self._plan_number,
+            now,
+            body,
+            self._trajectory,
+            self.lead.seconds,
+            self._held,
+            self._next,
+        )
         self._conditioned_on = {other.robot: other.version for other in problem.others if other.version >= 0}
         if self.allocation is not None:
             self._first, self._asked_at = self.allocation.first, now
@@ -271,18 +286,26 @@ class Robot:
             )
         return RequestPlan(self._plan_number, problem)
 
-    def _decide(self, now: float, event: Planned) -> list[Action]:
+    def _decide(self, now: float, event: Planned, body: VehicleState) -> list[Action]:
         if event.number != self._awaited:
             return []
         self._awaited = None
-        plan = event.plan
-        if plan.trajectory is None:
+        plan, way = event.plan, event.plan.trajectory
+        if way is None:
             self._plan_at = now + RETRY_S
-            return [] if self._trajectory is not None else [Follow(None)]
-        self._next, self._task = plan.trajectory, plan.task
-        self._plan_at = max(plan.trajectory.end_time - self._setup.plan_lead_s, now)
+            if self._trajectory is not None:
+                return []
+            self._held = body.pose[:3]
+            return [Follow(None)]
+        if not self.lead.answered(now, way):
+            way = postponed(way, now, body)
+            if way is None:  # it is not where the plan begins any more
+                self._plan_at = now
+                return []
+        self._next, self._task, self._held = way, plan.task, way.waypoint
+        self._plan_at = max(way.end_time - self.lead.seconds, now)
         self._plan_version += 1
-        return [Follow(plan.trajectory), self._publish_plan(now, plan, plan.trajectory)]
+        return [Follow(way), self._publish_plan(now, plan, way)]
 
     def _amend(self, now: float, body: VehicleState) -> list[Action]:
         """Reckon the rest of the way anew, from where the robot was turned aside to, and tell the others."""
@@ -291,13 +314,14 @@ class Robot:
             return []
         self._next, self._awaited = None, None  # planned from where it will not be
         if now >= self._late_at:
-            self._trajectory = None
+            self._trajectory, self._held = None, body.pose[:3]
             self._plan_at = now
             return [Follow(None)]
         rest = old.route[max(0, int(np.searchsorted(old.route_times, now, side="right")) - 1) :]
         way = routed(self._setup.vehicle, body.state, rest, body.time, self._period, near=NEAR_M)
         self._trajectory = way
-        self._plan_at = max(way.end_time - self._setup.plan_lead_s, now)
+        self._held = way.waypoint
+        self._plan_at = max(way.end_time - self.lead.seconds, now)
         self._plan_version += 1
         plan = Plan(way, "goes on after it was turned aside", task=self._task)
         return [Follow(way), self._publish_plan(now, plan, way)]

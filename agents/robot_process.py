@@ -144,6 +144,7 @@ class RobotProcess:
             follows_plans=vehicle.follows_plans,
             first_capture=sensor.next_capture(now - 1e-9),
             plan_lead_s=0.25 * max(1.0, shell.clock.speed),
+            speed=shell.clock.speed,
             patience=shell.clock.speed,
             desk=desk,
             left=outbox.left,
