@@ -14,8 +14,8 @@ import numpy as np
 from agents.allocation import Allocation
 from agents.alone import Alone
 from agents.belief import Belief
-from agents.devices import VehicleState
 from agents.departure import Lead, postponed
+from agents.devices import VehicleState
 from agents.machine import (
     Action,
     ClockTrust,
