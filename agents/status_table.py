@@ -84,9 +84,10 @@ def _bar(share: float) -> Text:
 def _processes(status: TeamStatus) -> Table:
     table = Table(box=None, padding=(0, 1), header_style="dim", pad_edge=False)
     table.add_column("process", no_wrap=True, min_width=12, max_width=20)
-    table.add_column("state", no_wrap=True, min_width=12, max_width=18)
     share = any(process.tasks is not None for process in status.processes)
-    for name in ("age", "sets sent", "stored", *(("tasks",) if share else ()), "travelled", "restarts"):
+    table.add_column("state", no_wrap=True, min_width=10 if share else 12, max_width=18)
+    sets = ("sent", "stored", "tasks") if share else ("sets sent", "stored")
+    for name in ("age", *sets, "travelled", "restarts"):
         table.add_column(name, justify="right", no_wrap=True)
     # With more processes than rows, those in trouble are shown first and nothing else moves.
     rows = sorted(status.processes, key=_is_well) if len(status.processes) > _MOST_ROWS else status.processes
@@ -97,7 +98,7 @@ def _processes(status: TeamStatus) -> Table:
             _age(process),
             _count(process.sets_sent),
             _count(process.sets_stored),
-            *((_count(process.tasks),) if share else ()),
+            *((_count(process.tasks if process.alive else None),) if share else ()),
             "-" if process.travelled_m is None else f"{process.travelled_m:.0f} m",
             Text(str(process.restarts), style="yellow") if process.restarts else Text("-", style="dim"),
         )
