@@ -13,6 +13,7 @@ from agents.histogram import Histogram
 from agents.machine import Heard
 from agents.messages import (
     BidMessage,
+    EstimateMessage,
     HealthMessage,
     MeasurementSetMessage,
     PoseMessage,
@@ -20,6 +21,7 @@ from agents.messages import (
 )
 from agents.mission import Mission
 from agents.ownership import Ownership
+from agents.shown import Shown
 from estimator.arrays import FloatArray
 from estimator.metrics.gospa import gospa, matched
 
@@ -34,7 +36,7 @@ class Scoreboard:
     seed: int
     driver: str  # "processes" or "virtual"
     world: World
-    _posterior: PosteriorMessage | None = None
+    _posterior: EstimateMessage | None = None  # or, with no fusion, the fullest belief of a robot
     _poses: dict[str, PoseMessage] = field(default_factory=dict)
     _travelled: dict[str, dict[str, float]] = field(default_factory=dict)  # robot -> boot -> metres
     _health: dict[tuple[str, str], HealthMessage] = field(default_factory=dict)  # (sender, boot)
@@ -51,14 +53,17 @@ class Scoreboard:
     tasks: Ownership = field(default_factory=Ownership)
     _now: float = 0.0
 
+    def __post_init__(self) -> None:
+        self._shown = Shown(self.mission.fusion.alone_after_s)
+
     def hear(self, heard: Heard, now: float) -> None:
         """Take in one message, whatever its topic."""
         message = heard.message
         self._now = max(self._now, now)
         if isinstance(message, BidMessage):
             self.tasks.hear(message, now)
-        elif isinstance(message, PosteriorMessage):
-            self._hear_posterior(message, now)
+        elif isinstance(message, EstimateMessage):
+            self._hear_estimate(message, now)
         elif isinstance(message, PoseMessage):
             self._hear_pose(message)
         elif isinstance(message, MeasurementSetMessage):
@@ -88,8 +93,8 @@ class Scoreboard:
     def measurement_sets(self) -> int:
         return len(self._sets)
 
-    def _hear_posterior(self, message: PosteriorMessage, now: float) -> None:
-        if self._posterior is not None and message.applied < self._posterior.applied:
+    def _hear_estimate(self, message: EstimateMessage, now: float) -> None:
+        if not self._shown.hear(message, now):
             return  # a replica that is behind
         self._posterior = message
         self._compare(self.world.targets(message.time), message)
@@ -102,7 +107,7 @@ class Scoreboard:
             self._all_found_at = message.time
             self._applied_at_all_found = message.applied
 
-    def _compare(self, truth: FloatArray, message: PosteriorMessage) -> None:
+    def _compare(self, truth: FloatArray, message: EstimateMessage) -> None:
         """Match found targets with true ones, as these were when the newest applied set was taken."""
         now = (truth, message.found)
         if self._compared is not None and all(map(np.array_equal, self._compared, now)):
@@ -148,9 +153,12 @@ class Scoreboard:
                 if key.startswith("rejected."):
                     total[key] += value
         applied = self._posterior.applied if self._posterior else 0
-        expired = sum(m.counters.get("expired_sets", 0) for m in self._health.values())
+        expired = self._posterior.expired if isinstance(self._posterior, PosteriorMessage) else 0
+        late: Counter[str] = Counter()  # by fusion: each of several has the same sets
+        for message in self._health.values():
+            late[message.sender] += message.counters.get("late_sets", 0)
         counts = {key: total[key] for key in COUNTS}
-        counts["late"] = sum(m.counters.get("late_sets", 0) for m in self._health.values())
+        counts["late"] = max(late.values(), default=0)
         counts["sets_not_applied"] = max(0, len(self._sets) - applied - expired)
         counts |= {key: value for key, value in sorted(total.items()) if key.startswith("rejected.")}
         return counts
@@ -170,6 +178,7 @@ class Scoreboard:
             "robots": len(self.mission.robots),
             "targets_total": self.targets_total,
             "targets_found": self._matches,
+            "estimate_of": None if self._posterior is None else self._posterior.sender,
             "false_found": int(found.shape[1]) - len(pairs),
             "all_found": self.all_found,
             "time_to_all_found_s": self._all_found_at,

@@ -1,6 +1,7 @@
 """What a watcher knows of the team from messages alone: the snapshot for the terminal's table."""
 
 from agents.messages import (
+    EstimateMessage,
     EventMessage,
     HealthMessage,
     Message,
@@ -10,10 +11,13 @@ from agents.messages import (
     Watermark,
 )
 from agents.mission import Mission
+from agents.shown import Shown
 from agents.status_table import ProcessStatus, TeamStatus
 from agents.topics import SET
 from agents.transport import PeerChange
 from agents.watermark import counted
+
+_SILENCE_S = 3.0  # wall time without a posterior after which a robot's belief is shown
 
 
 class StatusBoard:
@@ -31,13 +35,13 @@ class StatusBoard:
         self._rejected: dict[str, int] = {}
         self._twice: dict[str, float] = {}  # task-seconds that another held one of its tasks too
         self._tasks: dict[str, float | None] = {}  # how many a process holds, where robots share tasks
-        self._posterior: PosteriorMessage | None = None
+        self._shown = Shown(_SILENCE_S)
         self._marks: dict[str, Watermark] = {}  # by boot: a posterior need not tell of those that ended
         self._total: int | None = None
         self._note = ""
 
     def __repr__(self) -> str:
-        return f"StatusBoard({len(self._roles)} processes, {self._posterior is not None=})"
+        return f"StatusBoard({len(self._roles)} processes, {self._shown!r})"
 
     def on_peer(self, change: PeerChange) -> None:
         """A liveliness token came or went."""
@@ -65,10 +69,12 @@ class StatusBoard:
                 self._rejected[sender] = message.counters.get("rejected", 0)
                 if sender not in self._poses:
                     self._states[sender] = message.state
-            case PosteriorMessage():
-                if self._posterior is None or message.applied >= self._posterior.applied:
-                    self._posterior = message
-                    self._marks.update(message.watermark)
+            case EstimateMessage():
+                self._shown.hear(message, wall)
+                if isinstance(message, PosteriorMessage):
+                    for name, mark in message.watermark.items():
+                        if name not in self._marks or counted(mark) >= counted(self._marks[name]):
+                            self._marks[name] = mark
             case TruthMessage():
                 self._total = message.targets.shape[1]
             case EventMessage():
@@ -83,7 +89,7 @@ class StatusBoard:
 
     def status(self, wall: float, team_time: float | None) -> TeamStatus:
         """How the team stands at wall time `wall`."""
-        posterior = self._posterior
+        posterior = self._shown.estimate
         return TeamStatus(
             mission=self._mission.name,
             time_s=team_time,
@@ -96,6 +102,7 @@ class StatusBoard:
             held_twice_s=sum(self._twice.values()),
             processes=tuple(self._row(name, wall) for name in self._roles),
             note=self._note,
+            alone=self._shown.alone,
         )
 
     def _row(self, name: str, wall: float) -> ProcessStatus:
@@ -118,8 +125,9 @@ class StatusBoard:
         )
 
     def _stored(self, name: str, role: str) -> int | None:
-        if self._posterior is None:
+        estimate = self._shown.estimate
+        if estimate is None:
             return None
         if role == "fusion":
-            return self._posterior.applied
+            return estimate.applied
         return sum(counted(mark) for stream, mark in self._marks.items() if stream.startswith(f"{name}/"))

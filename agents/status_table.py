@@ -42,6 +42,7 @@ class TeamStatus:
     rejected: int = 0  # messages that were not applied
     processes: tuple[ProcessStatus, ...] = ()
     note: str = ""  # one line of news
+    alone: str = ""  # the robot whose belief this is, for want of a fusion
     held_twice_s: float = 0.0  # task-seconds that two robots held one task, as far as they knew
 
 
@@ -69,6 +70,8 @@ def _header(status: TeamStatus) -> Text:
     line.append(f"  {clock}  found ")
     line.append(f"{status.found}/{total}", style="bold green" if done or status.found else "bold")
     line.append(f"  expected {expected}  sets {status.sets_applied}")
+    if status.alone:
+        line.append(f"  no fusion: as {status.alone} believes", style="yellow")
     if status.rejected:
         line.append(f"  rejected {status.rejected}", style="yellow")
     if status.held_twice_s >= 0.05:

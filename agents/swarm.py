@@ -30,7 +30,7 @@ from agents.status_board import StatusBoard
 from agents.status_table import ProcessStatus, status_table
 from agents.supervisor import State, Status, Supervisor
 from agents.team import Team
-from agents.topics import BID, EVENT, HEALTH, POSE, POSTERIOR, SET, START, TRUTH
+from agents.topics import BELIEF, BID, EVENT, HEALTH, POSE, POSTERIOR, SET, START, TRUTH
 from agents.transport import PeerChange
 
 GRACE_S = 1.0  # wall time from the last found target to the end
@@ -116,7 +116,7 @@ class Swarm:
     async def run(self) -> int:
         """Until all is found, the time is up, or someone asks to end; then the summary."""
         shell = self._shell
-        for topic in (POSE, SET, BID, POSTERIOR, HEALTH, EVENT, START):
+        for topic in (POSE, SET, BID, POSTERIOR, BELIEF, HEALTH, EVENT, START):
             shell.transport.subscribe(topic, urgent=False)
         starting = asyncio.create_task(self._supervisor.start())
         try:
@@ -165,9 +165,11 @@ class Swarm:
         """A team that cannot go on ends with the reason, not with a timeout."""
         statuses = self._supervisor.statuses()
         robots = [s for s in statuses if s.role == "robot"]
-        dead = [s for s in statuses if s.role == "fusion" and s.final]
-        if all(s.final for s in robots):
-            dead = robots
+        fusions = [s for s in statuses if s.role == "fusion"]
+        dead = robots if all(s.final for s in robots) else []
+        # Once the team has its time, robots that may go on alone do.
+        if not (self._started and self._mission.fusion.share_state_s) and all(s.final for s in fusions):
+            dead = fusions
         if not dead:
             return
         first = dead[0]

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from agents.histogram import Histogram
-from agents.messages import HealthMessage, PosteriorMessage
+from agents.messages import EstimateMessage, HealthMessage
 from agents.mission import Mission
 from bridges.rerun_blueprint import LATENESS_PLOT, POSTERIOR_PLOT
 from estimator.arrays import IntArray
@@ -45,7 +45,7 @@ class Latencies:
                 yield path, [p50, p99]
 
 
-def summary_text(mission: Mission, posterior: PosteriorMessage, total: int | None, now: float) -> str:
+def summary_text(mission: Mission, posterior: EstimateMessage, total: int | None, now: float) -> str:
     """The found targets as Markdown, the newest first."""
     count = posterior.found.shape[1]
     of = "" if total is None else f" of {total}"

@@ -13,6 +13,7 @@ import rerun as rr
 
 from agents import messages as m
 from agents.mission import Mission, start_pose
+from agents.shown import Shown
 from agents.transport import PeerChange
 from bridges import rerun_blueprint as paths
 from bridges import rerun_shapes as shapes
@@ -58,7 +59,7 @@ class RerunView:
         self._drawn_states: dict[str, str] = {}
         self._gone: set[str] = set()
         self._plans: dict[str, m.PlanMessage] = {}
-        self._posterior: m.PosteriorMessage | None = None
+        self._shown = Shown(mission.fusion.alone_after_s)
         self._truth: m.TruthMessage | None = None
         self._latencies = Latencies()
         self._new: set[type[m.Message]] = set()
@@ -85,9 +86,9 @@ class RerunView:
                 self._trails[message.sender].add(self._scene.place(message.pose))
             case m.PlanMessage() if message.sender in self._poses:
                 self._plans[message.sender] = message
-            case m.PosteriorMessage():
-                if self._posterior is None or message.applied >= self._posterior.applied:
-                    self._posterior = message
+            case m.EstimateMessage():
+                self._shown.hear(message, self._newest)
+                self._new.add(m.EstimateMessage)
             case m.PictureMessage():
                 self._picture = message
             case m.TruthMessage():
@@ -126,8 +127,8 @@ class RerunView:
             self._new.add(m.PlanMessage)  # not forgotten: the next slow drawing shows it
         if m.PictureMessage in new and self._picture is not None:
             self._scene.draw_picture(self._picture)
-        if m.PosteriorMessage in new or m.TruthMessage in new:
-            self._scene.draw_posterior(self._posterior, self._truth, at)
+        if m.EstimateMessage in new or m.TruthMessage in new:
+            self._scene.draw_posterior(self._shown.estimate, self._truth, at)
         for path, values in self._latencies.due(at):
             self._stream.log(path, rr.Scalars(values))
 

@@ -16,8 +16,20 @@ from agents import codec
 from agents.clock import VirtualClock
 from agents.histogram import Histogram
 from agents.ledger import Ledger
-from agents.machine import Action, Event, Heard, Keep, Planned, Publish, Reckon, Reckoned, Release, RequestPlan, Store
-from agents.messages import EventMessage, LedgerEntry, MeasurementSetMessage, Message, PosteriorMessage
+from agents.machine import (
+    Action,
+    Event,
+    Heard,
+    Keep,
+    Planned,
+    Publish,
+    Reckon,
+    Reckoned,
+    Release,
+    RequestPlan,
+    Store,
+)
+from agents.messages import EstimateMessage, EventMessage, LedgerEntry, MeasurementSetMessage, Message
 from agents.scoreboard import Scoreboard
 from agents.seeds import generator
 from agents.team import Team
@@ -215,7 +227,7 @@ class Engine:
         if self._record is not None:
             self._record(topic, message)
         self.onlooker.said(node, topic, message)
-        if isinstance(message, PosteriorMessage) and self.team.mission.stop_when_all_found:
+        if isinstance(message, EstimateMessage) and self.team.mission.stop_when_all_found:
             self._stop_when_all_found(now)
         node.transport.publish(topic, payload)
 
