@@ -36,6 +36,7 @@ class RobotBody:
             setup.mission.settings.separation_m if vehicle.follows_plans else 0.0,
             level=setup.mission.box().dimension == 2,
             start=vehicle.state(clock.now()).pose[:3],
+            ground=setup.ground,
         )
 
     def __repr__(self) -> str:
@@ -48,8 +49,10 @@ class RobotBody:
                 self.separation.hear(event.message)
             elif isinstance(event, PeerChange) and event.peer.role == "robot" and not event.alive:
                 self.separation.gone(event.peer.id)
-        self._decide(events)
-        if self.separation.keep(self._clock.now(), self.vehicle):
+        now = self._clock.now()
+        if events or now >= self.robot.next_wake():
+            self._decide(events)
+        if self.separation.keep(now, self.vehicle):
             self._decide([Delayed()])
 
     def next_wake(self) -> float:

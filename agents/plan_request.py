@@ -17,7 +17,7 @@ from estimator.arrays import FloatArray
 from estimator.filter import Area
 from estimator.sensor import SensorModel
 from planner.allocation.desk import Desk
-from planner.plan import UNLIMITED, Budget, Commitment, PlanProblem, Trajectory, VehicleModel
+from planner.plan import UNLIMITED, Budget, Commitment, Ground, PlanProblem, Trajectory, VehicleModel
 
 RESERVE = 0.05  # share of a budget that no plan may touch
 
@@ -39,6 +39,7 @@ class RobotSetup:
     stagger_s: float = 0.1  # at the start, robot i of the mission waits i times this before it plans
     area: Area | None = None  # with its map; None: the mission's box
     vehicles: Mapping[str, VehicleModel] = field(default_factory=dict)  # the whole team's, to keep apart
+    ground: Ground | None = None  # where it may be, when it is turned aside; None: anywhere
     patience: float = 1.0  # scales the re-offer time, for teams that run faster than the wall
     desk: Desk | None = None  # where robots share tasks: this one's part in it
     left: Sequence[MeasurementSetMessage] = ()  # by its earlier boots, and acknowledged by no fusion

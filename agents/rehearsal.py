@@ -17,6 +17,7 @@ from estimator.maps.line_of_sight import LineOfSight
 from estimator.search import Search
 from estimator.soft.models import ranges
 from estimator.soft.statement import SoftObservation
+from planner.avoidance.meeting import meet
 from planner.maasi.trigger import worth_measuring
 from planner.plan import Commitment, PlanProblem
 
@@ -59,6 +60,7 @@ def rehearse_robot(team: Team, robot: str) -> None:
     waypoint = pose[:3] if trajectory is None else trajectory.waypoint
     state = vehicle.advance(vehicle.begin(state, waypoint), waypoint, 1)
     vehicle.reached(state, waypoint)
+    meet(vehicle)
     worth_measuring(sensor, clusters, exploration, pose, 1.0, 1.0)
     sensor.sample(clusters, pose, np.random.default_rng(0))
 

@@ -138,6 +138,7 @@ class RobotProcess:
             boot=shell.boot,
             vehicle=team.vehicle_models[robot_id],
             vehicles=team.vehicle_models,
+            ground=team.ground,
             sensors=team.sensor_models,
             area=team.area,
             periods=team.measure_periods,

@@ -11,9 +11,10 @@ import numpy as np
 from agents.devices import Vehicle
 from agents.messages import PoseMessage
 from estimator.arrays import FloatArray
-from planner.avoidance.guard import Guard, Sighting
-from planner.plan import Trajectory, VehicleModel
+from planner.avoidance.guard import Guard
+from planner.plan import Ground, Trajectory, VehicleModel
 
+SOON = 0.75  # share of the time to the next decision after which one is made if the robot is awake anyway
 AMEND_S = 1.0  # while off its way, a robot says this often where it now expects to be when
 
 
@@ -28,12 +29,16 @@ class Separation:
         *,
         level: bool,
         start: FloatArray,
+        ground: Ground | None = None,
     ) -> None:
-        """`start` (3,) is where the vehicle holds until it is given a way."""
-        self._guard = Guard(robot, models, separation, level=level)
+        """`start` (3,) is where the vehicle holds until it is given a way; `level`: the team lives in 2D."""
+        self._guard = Guard(robot, models, separation, level=level, ground=ground)
         self._waypoint = np.array(start)
         self._legs: list[tuple[float, FloatArray]] = []
         self._amend_at = np.inf
+        self._early = -np.inf
+        self._news: dict[str, tuple[PoseMessage, ...]] = {}  # the last two of each, looked at when it matters
+        self._unseen: set[str] = set()
 
     def __repr__(self) -> str:
         return f"Separation({self._guard!r})"
@@ -46,11 +51,22 @@ class Separation:
     @property
     def next_wake(self) -> float:
         """The team time by which `keep` must be called again."""
-        return self._guard.next_wake
+        # With somebody near, a turn at a corner of the way is looked at when it comes.
+        corner = self._legs[0][0] if self._legs and self._guard.watching else np.inf
+        return min(self._guard.next_wake, corner)
 
     def hear(self, message: PoseMessage) -> None:
         """Another robot's pose."""
-        self._guard.see(message.sender, Sighting(message.time, message.pose[:3], message.velocity))
+        sender = message.sender
+        before = self._news.get(sender)
+        if before is None or message.boot != before[-1].boot:
+            self._look(message)  # new, or started anew somewhere else
+        self._news[sender] = (message,) if before is None else (before[-1], message)
+        self._unseen.add(sender)
+
+    def _look(self, message: PoseMessage) -> None:
+        position, velocity = message.pose[:3].tolist(), message.velocity.tolist()
+        self._guard.see(message.sender, message.time, position, velocity)
 
     def gone(self, robot: str) -> None:
         """A robot left the team."""
@@ -66,12 +82,19 @@ class Separation:
 
     def keep(self, now: float, vehicle: Vehicle) -> bool:
         """Turn the vehicle aside if need be; whether its trajectory is to be reckoned anew."""
+        before_turn = self._waypoint
         while self._legs and now >= self._legs[0][0] - 1e-9:
             self._waypoint = self._legs.pop(0)[1]
-        if self._guard.idle(now):
+        turned = self._waypoint is not before_turn and self._guard.watching
+        if not turned and now < min(self._guard.next_wake, self._early) - 1e-9:
             return False
+        for sender in sorted(self._unseen):
+            for message in self._news[sender]:
+                self._look(message)
+        self._unseen.clear()
         before = self._guard.diverted
         aside = self._guard.decide(now, vehicle.state(now).state, self._waypoint)
+        self._early = now + SOON * (self._guard.next_wake - now)
         if aside is not None or before:
             vehicle.detour(aside, now)
         if aside is None:

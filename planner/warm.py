@@ -9,7 +9,7 @@ from estimator.exploration import Exploration
 from estimator.filter import Area
 from estimator.sensors.range_bearing import RangeBearing
 from planner.allocation.warm import warm_allocation
-from planner.avoidance.guard import Guard, Sighting
+from planner.avoidance.meeting import meet
 from planner.ground.warm import run as run_ground
 from planner.information.warm import warm_information
 from planner.irrt.warm import warm_irrt
@@ -49,10 +49,8 @@ def _move(vehicle: VehicleModel) -> None:
 
 
 def _keep_apart() -> None:
-    vehicle = Unicycle(Unicycle.Config())
-    guard = Guard("a", {"a": vehicle, "b": vehicle}, 1.0, level=True)
-    guard.see("b", Sighting(0.0, np.array([1.0, 0.0, 0.0]), np.zeros(3)))
-    guard.decide(0.0, vehicle.initial_state(np.zeros(4)), np.array([5.0, 0.0, 0.0]))
+    for vehicle in (Unicycle(Unicycle.Config()), Quadrotor(Quadrotor.Config())):
+        meet(vehicle)
 
 
 def _sensor(dimension: int) -> RangeBearing:

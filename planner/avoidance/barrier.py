@@ -4,19 +4,18 @@ The barrier is as of Squires, Pierpaoli and Egerstedt (2018): two robots are saf
 ways now (braked, or circled), they would stay D apart at every instant t from then on. How two robots share
 the responsibility is derived here. Let b_i(t) be where i will be if it halts now, f_i(t) if it goes straight
 on for one tick and halts then, and p_i(t) if it does what is being asked about. It may if at every t,
-against every other j,
+against every other j and for every place x between b_j(t) and f_j(t) to which j may go,
 
-    (a)  |p_i(t) - x| >= D for all x between b_j(t) and f_j(t), and
-    (b)  p_i(t) lies between b_i(t) and f_i(t), or n(t) (p_i(t) - b_i(t)) >= -(|b_i(t) - b_j(t)| - D) / 2,
+    (a)  |p_i(t) - x| >= D, and
+    (b)  p_i(t) lies between b_i(t) and f_i(t), or (b_i(t) - x) (p_i(t) - b_i(t)) >= -|b_i(t) - x| g / 2,
 
-n(t) being the direction from b_j(t) to b_i(t). Two robots that move between halting and going straight on are
-safe by (a); if one of them swerves, by its (a); if both swerve, by (b): each gives away no more than half of
-what is left between them. So the barrier holds after the tick, and halting is always allowed. Crossing
-traffic that misses by D is left alone.
+with g = |b_i(t) - x| - D. By (a) of its own, j may not go to places nearer than D to b_i(t), b_j(t) itself
+excepted. Two robots that move between halting and going straight on are safe by (a); if one of them swerves,
+by its (a); if both swerve, by (b): each gives away no more than half of what is left between them. So the
+barrier holds after the tick, and halting is always allowed. Crossing traffic that misses by D is left alone.
 
 What is known of j is old: b_j begins at its last pose, f_j goes straight on from there until after the tick,
-D is larger by an uncertainty that grows with the pose's age, and the half in (b) is only that part of a half
-that the tick is of tick and age: what is left must last for all decisions based on one pose.
+and D is larger by how far j may have swerved since: half its acceleration times the square of the age.
 """
 
 import math
@@ -25,11 +24,15 @@ import numpy as np
 
 from estimator.arrays import BoolArray, FloatArray
 from estimator.kernels import exact_kernel
-from planner.avoidance.halt import ahead, halted
+from planner.avoidance.halt import going_on, halted, settling
 
-BESIDE = 0.1  # m off the way between halting and going on that still counts as on it
-SLIP = 0.01  # m: two computations of one way differ
+BESIDE = 0.02  # of the way of a tick, beside that between halting and going on, which still counts as on it
+SLIP = 1e-4  # of what is to be kept: two computations of one way differ
 TINY = 1e-5  # m, of robots that are too near
+PLACES = 5  # between halting and going on, at which another robot may be
+FINE_S = 0.05  # between instants at which ways are compared where it is close
+LOOKS = 12  # at a robot's own way, to see whether it swerves
+ROUNDS = 4.0  # of two circles that take different times, which are compared
 
 
 @exact_kernel
@@ -39,9 +42,8 @@ def allowed(
     others: FloatArray,
     ages: FloatArray,
     apart: FloatArray,
+    base: FloatArray,
     tick: float,
-    step: float,
-    count: int,
 ) -> tuple[BoolArray, FloatArray]:
     """Which of c motions a robot may take for the next tick.
 
@@ -50,61 +52,115 @@ def allowed(
         asked: (c, COLUMNS) its motion after the tick, for each of those asked about.
         others: (j, COLUMNS) motions of the others at their last poses.
         ages: (j,) seconds since then.
-        apart: (j,) metres to keep from each, uncertainty included.
+        apart, base: (j,) metres to keep from each, with what is uncertain of it and without.
         tick: seconds.
-        step, count: the ways are compared at `count` instants `step` seconds apart, from the tick on.
 
     Returns:
-        (c,) whether each may be taken, and (c,) the least distance in metres on each of these ways.
+        (c,) whether each may be taken, and (c,) the distance in metres, on each of these ways, at which the
+        asking ended: the least one where it is small, a lower bound of it where that is enough.
     """
     c, j = asked.shape[0], others.shape[0]
     fine = np.ones(c, dtype=np.bool_)
-    swerves = np.zeros(c, dtype=np.bool_)
-    gives_way = np.ones(c, dtype=np.bool_)  # keeps (b)'s second half
     least = np.full(c, np.inf)
-    on = ahead(own, tick)
+    on = going_on(own, tick)
     others_on = np.empty_like(others)
     for q in range(j):
-        others_on[q] = ahead(others[q], ages[q] + tick)
-    b, f, theirs, further, away = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    ways = np.empty((c, 3))
-    for k in range(count):
-        t = k * step
+        others_on[q] = going_on(others[q], ages[q] + tick)
+    for i in range(c):
+        swerves = _swerves(own, on, asked[i], tick)
+        for q in range(j):
+            fine_here, near = _keeps(
+                own, asked[i], others[q], others_on[q], ages[q], apart[q], base[q], tick, swerves
+            )
+            least[i] = min(least[i], near)
+            fine[i] = fine[i] and fine_here
+    return fine, least
+
+
+@exact_kernel
+def _swerves(own: FloatArray, on: FloatArray, asked: FloatArray, tick: float) -> bool:
+    """Whether the way asked about leaves what lies between halting now and after a tick of going on."""
+    b, f, way = np.empty(3), np.empty(3), np.empty(3)
+    horizon = max(settling(own), settling(asked))
+    beside = BESIDE * tick * max(_speed(own), _speed(asked))
+    for k in range(LOOKS):
+        t = k * horizon / (LOOKS - 1)
         halted(own, tick + t, b)
         halted(on, t, f)
-        for i in range(c):
-            halted(asked[i], t, ways[i])
-            if not swerves[i] and _off(ways[i], b, f) > BESIDE:
-                swerves[i] = True
-        for q in range(j):
-            halted(others[q], ages[q] + tick + t, theirs)
-            halted(others_on[q], t, further)
-            share = _nearest(b, theirs, further)
-            square = 0.0
+        halted(asked, t, way)
+        if _off(way, b, f) > beside:
+            return True
+    return False
+
+
+@exact_kernel
+def _keeps(
+    own: FloatArray,
+    asked: FloatArray,
+    other: FloatArray,
+    other_on: FloatArray,
+    age: float,
+    apart: float,
+    base: float,
+    tick: float,
+    swerves: bool,
+) -> tuple[bool, float]:
+    """(a) and, of a way that swerves, (b) against one other.
+
+    From every instant it goes on to the first at which, by the speeds, anything could be violated.
+    """
+    b, way, theirs, further = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    horizon = max(settling(own), settling(asked), settling(other), settling(other_on))
+    if asked[12] > 0.0 and other[12] > 0.0 and abs(asked[12] - other[12]) > 1e-9 * asked[12]:
+        horizon *= ROUNDS
+    v_own, v_way = _speed(own), _speed(asked)
+    v_other = max(_speed(other), _speed(other_on))
+    slip = SLIP * apart
+    least = np.inf
+    t = 0.0
+    while True:
+        halted(own, tick + t, b)
+        halted(asked, t, way)
+        halted(other, age + tick + t, theirs)
+        halted(other_on, t, further)
+        wait = np.inf
+        nearest = _nearest(way, theirs, further)
+        for k in range(PLACES + 1):
+            share = k / (PLACES - 1) if k < PLACES else nearest
+            gap2, distance2, toward, beside2 = 0.0, 0.0, 0.0, 0.0
             for axis in range(3):
-                away[axis] = b[axis] - theirs[axis] - share * (further[axis] - theirs[axis])
-                square += away[axis] ** 2
-            gap = math.sqrt(square)
+                x = theirs[axis] + share * (further[axis] - theirs[axis])
+                swerve = way[axis] - b[axis]
+                gap2 += (b[axis] - x) ** 2
+                distance2 += (way[axis] - x) ** 2
+                toward -= (b[axis] - x) * swerve
+                beside2 += swerve * swerve
+            gap, distance = math.sqrt(gap2), math.sqrt(distance2)
+            if gap < base and share > 0.0:
+                # The other may not go on to here, since this robot may halt there. What it may can change.
+                wait = 0.0
+                continue
+            least = min(least, distance)
             # Robots that are too near already come no nearer; not even by rounding, tick after tick.
-            need = apart[q] - SLIP if gap > apart[q] else gap - TINY
-            # Going on, the other may cover where this robot halts, and then nothing is asked of it: against
-            # the other halting there is always something to ask.
-            if_both_halt = _off(b, theirs, theirs)
-            braked = apart[q] - SLIP if if_both_halt > apart[q] else if_both_halt - TINY
-            most = 0.5 * tick / (tick + ages[q]) * (gap - apart[q]) + SLIP if gap > apart[q] else TINY
-            for i in range(c):
-                distance = _off(ways[i], theirs, further)
-                least[i] = min(least[i], distance)
-                if distance < need or _off(ways[i], theirs, theirs) < braked:
-                    fine[i] = False
-                toward = 0.0
-                for axis in range(3):
-                    toward -= away[axis] * (ways[i, axis] - b[axis])
-                if toward > most * max(gap, 1e-9):
-                    gives_way[i] = False
-    for i in range(c):
-        fine[i] = fine[i] and (gives_way[i] or not swerves[i])
-    return fine, least
+            if distance < (apart - slip if gap > apart else gap - TINY):
+                return False, least
+            wait = min(wait, (min(distance, gap) - apart) / max(max(v_way, v_own) + v_other, 1e-9))
+            if swerves:
+                give = 0.5 * max(gap - apart, 0.0)
+                if toward > (give + slip) * gap:
+                    return False, least
+                wait = min(wait, (give - math.sqrt(beside2)) / max(1.5 * v_own + 0.5 * v_other + v_way, 1e-9))
+        if t >= horizon:
+            return True, least
+        t = min(t + max(wait, FINE_S), horizon)
+
+
+@exact_kernel
+def _speed(row: FloatArray) -> float:
+    """The most speed of a vehicle with this motion while it halts."""
+    now = row[3] * row[3] + row[4] * row[4] + row[5] * row[5]
+    aim = row[6] * row[6] + row[7] * row[7] + row[8] * row[8]
+    return math.sqrt(max(now, aim))
 
 
 @exact_kernel

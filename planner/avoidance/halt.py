@@ -15,6 +15,9 @@ from estimator.kernels import exact_kernel
 
 # Of a motion: position, velocity, velocity steered for (3 each); deceleration, approach, lag, turn rate.
 COLUMNS = 13
+SETTLED = 3.0  # of the last, exponential part's time constants, after which it is taken to be over
+EVEN = 0.01  # share of its speed by which a steady vehicle may be off
+CONTROL_S = 0.02  # vehicles do what is asked of them with this delay
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,11 +25,22 @@ class Evasion:
     """A vehicle's limits as others must know them to keep clear of it."""
 
     speed: float  # m/s, at most
-    acceleration: float  # m/s^2, at most
+    acceleration: float  # m/s^2, with which it brakes
     approach: float = 2.0  # 1/s: how the last metres are braked, exponentially
     lag: float = 0.0  # s with which its velocity follows the one steered for, exponentially
     turn_rate: float = 0.0  # rad/s; above 0 it cannot stop and circles to the left
-    climb: float = 0.0  # m/s of a vehicle that circles
+    climb: float = 0.0  # m/s up or down of a vehicle that circles, at once
+    swerving: float = 0.0  # m/s^2 by which it changes its velocity in any direction; 0: as it brakes
+
+    @property
+    def agility(self) -> float:
+        """m/s^2 by which it may change its velocity, in any direction."""
+        return self.swerving or self.acceleration
+
+    @property
+    def margin(self) -> float:
+        """Metres by which its motion may differ from what is reckoned here: a lag itself begins slowly."""
+        return 0.5 * self.acceleration * self.lag**2 + CONTROL_S * self.speed
 
     def motion(self, position: FloatArray, velocity: FloatArray, aim: FloatArray) -> FloatArray:
         """The row (COLUMNS,) for the kernels, of a vehicle that now steers for a velocity `aim` (3,)."""
@@ -34,31 +48,6 @@ class Evasion:
         row[0:3], row[3:6], row[6:9] = position, velocity, aim
         row[9:] = self.acceleration, self.approach, self.lag, self.turn_rate
         return row
-
-    def reach(self, speed: float, seconds: float) -> float:
-        """Metres from here of whatever it can come to in so many seconds and then halting."""
-        if self.turn_rate > 0:
-            return speed * seconds + 2.0 * speed / self.turn_rate
-        fast = min(self.speed, speed + self.acceleration * seconds)
-        return fast * (seconds + self.lag) + stopping(fast, self.acceleration, self.approach)
-
-    @property
-    def margin(self) -> float:
-        """Metres by which its motion may differ from what is reckoned here: a lag itself begins slowly."""
-        return 0.5 * self.acceleration * self.lag**2
-
-    def uncertainty(self, speed: float, age: float) -> float:
-        """Metres by which it may be elsewhere than where braking or going on would have brought it."""
-        return min(0.5 * self.acceleration * age * age, self.speed * age) + SWERVE * speed * age
-
-    def settling(self, speed: float) -> float:
-        """Seconds after which its halt is over; of a circle, one turn."""
-        if self.turn_rate > 0:
-            return 2.0 * math.pi / self.turn_rate
-        return 2.0 * stopping(speed, self.acceleration, self.approach) / max(speed, 0.1)
-
-
-SWERVE = 0.2  # share of its way since its last pose by which a vehicle may have turned off
 
 
 @runtime_checkable
@@ -88,8 +77,9 @@ def stopping(speed: float, acceleration: float, approach: float) -> float:
 def halted(row: FloatArray, t: float, out: FloatArray) -> None:
     """Where (3,) a vehicle with motion `row` is `t` seconds after it began to halt.
 
-    Its aim c falls evenly to 0 over the stopping distance, and its velocity v follows by v' = (c - v) / lag,
-    of which the solution is written out; then p(t) = p + lag (v(0) - v(t)) + the integral of c.
+    The velocity c that it steers for falls at the deceleration a until a / k, and exponentially at rate k
+    then; its own velocity v follows by v' = (c - v) / lag, of which the solutions are written out. Then
+    p(t) = p + lag (v(0) - v(t)) + the integral of c.
     """
     if row[12] > 0.0:
         radius, a = 1.0 / row[12], row[12] * t
@@ -99,29 +89,32 @@ def halted(row: FloatArray, t: float, out: FloatArray) -> None:
         out[1] = row[1] + radius * (row[7] * s + row[6] * (1.0 - c))
         out[2] = row[2]
         return
-    lag = row[11]
+    deceleration, rate, lag = row[9], row[10], row[11]
     speed = math.sqrt(row[6] * row[6] + row[7] * row[7] + row[8] * row[8])
-    fade = math.exp(-t / lag) if lag > 0.0 else 0.0
-    if speed < 1e-9:
-        for axis in range(3):
-            out[axis] = row[axis] + lag * row[3 + axis] * (1.0 - fade)
-        return
-    way = stopping(speed, row[9], row[10])
-    duration = 2.0 * way / speed
-    slowing = speed / duration
-    braked = min(t, duration)
-    along = speed * braked - 0.5 * slowing * braked * braked
-    kept = math.exp(-braked / lag) if lag > 0.0 else 0.0
-    after = math.exp(-(t - braked) / lag) if lag > 0.0 else 0.0
+    slow = min(speed, deceleration / rate)
+    braked = min(t, (speed - slow) / deceleration)
+    faded = t - braked
+    fade = math.exp(-rate * faded)
+    along = speed * braked - 0.5 * deceleration * braked * braked + slow / rate * (1.0 - fade)
+    if lag > 0.0:
+        kept, after = math.exp(-braked / lag), math.exp(-faded / lag)
+        follows = 1.0 - rate * lag
+        follows = follows if abs(follows) > 1e-6 else 1e-6
+    else:
+        kept, after, follows = 0.0, 0.0, 1.0
     for axis in range(3):
-        unit = row[6 + axis] / speed
-        behind = row[3 + axis] - row[6 + axis] - slowing * lag * unit
-        velocity = (unit * (speed - slowing * braked + slowing * lag) + behind * kept) * after
+        unit = row[6 + axis] / speed if speed > 1e-9 else 0.0
+        late = deceleration * lag * unit if braked > 0.0 else 0.0  # steadily braking, v is above c by this
+        velocity = unit * (speed - deceleration * braked) + late
+        velocity += (row[3 + axis] - row[6 + axis] - late) * kept
+        if faded > 0.0:
+            ahead = unit * slow / follows
+            velocity = ahead * fade + (velocity - ahead) * after
         out[axis] = row[axis] + lag * (row[3 + axis] - velocity) + unit * along
 
 
 @exact_kernel
-def ahead(row: FloatArray, seconds: float) -> FloatArray:
+def going_on(row: FloatArray, seconds: float) -> FloatArray:
     """The motion of a vehicle that has steered on for the same velocity for so long."""
     on = row.copy()
     fade = math.exp(-seconds / row[11]) if row[11] > 0.0 else 0.0
@@ -130,3 +123,31 @@ def ahead(row: FloatArray, seconds: float) -> FloatArray:
         on[axis] += row[6 + axis] * seconds + row[11] * behind * (1.0 - fade)
         on[3 + axis] = row[6 + axis] + behind * fade
     return on
+
+
+@exact_kernel
+def settling(row: FloatArray) -> float:
+    """Seconds after which the halt of a motion (COLUMNS,) is over; of a circle, one turn."""
+    if row[12] > 0.0:
+        return float(2.0 * math.pi / row[12])
+    speed = math.sqrt(row[6] * row[6] + row[7] * row[7] + row[8] * row[8])
+    braking = max(speed - row[9] / row[10], 0.0) / row[9]
+    return float(braking + SETTLED / row[10] + 3.0 * row[11])
+
+
+@exact_kernel
+def steady(row: FloatArray, waypoint: FloatArray, speed: float, seconds: float) -> bool:
+    """Whether a vehicle goes straight for a waypoint (3,) at its full speed, and will for so long."""
+    gap2, v2, off2, aim2, along = 0.0, 0.0, 0.0, 0.0, 0.0
+    for axis in range(3):
+        gap = waypoint[axis] - row[axis]
+        gap2 += gap * gap
+        v2 += row[3 + axis] ** 2
+        aim2 += row[6 + axis] ** 2
+        off2 += (row[6 + axis] - row[3 + axis]) ** 2
+        along += gap * row[6 + axis]
+    v, gap, aim = math.sqrt(v2), math.sqrt(gap2), math.sqrt(aim2)
+    if v < (1.0 - EVEN) * speed or aim < (1.0 - EVEN) * speed or math.sqrt(off2) > EVEN * speed:
+        return False
+    straight = along > gap * aim * (1.0 - EVEN * EVEN)
+    return straight and gap > speed * seconds + stopping(speed, row[9], row[10])

@@ -69,7 +69,8 @@ class FixedWing:
     def evasion(self) -> Evasion:
         """How it gets out of the way: it circles to the left."""
         speed, radius = self.config.speed_m_s, self.config.turn_radius_m
-        return Evasion(speed, speed**2 / radius, turn_rate=speed / radius, climb=self.config.climb_m_s)
+        climb = max(self.config.climb_m_s, self.config.sink_m_s)
+        return Evasion(speed, speed**2 / radius, turn_rate=speed / radius, climb=climb)
 
     def aim(self, state: FloatArray) -> FloatArray:
         """Its own level velocity (3,): it levels off when it gives up its way."""

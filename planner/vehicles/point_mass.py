@@ -1,9 +1,7 @@
 """A point mass: goes anywhere, in 2D or 3D, within limits of speed and acceleration.
 
-It steers for its waypoint as fast as still lets it stop there. The speed wanted at distance ρ is
-min(v_max, √(2 a (ρ - ρ₀ / 2))) beyond ρ₀ = a / k² and k ρ nearer, where the two laws meet with equal slope;
-the velocity follows it by at most a T_s per control period. k ρ alone would brake too hard from far away,
-√(2 a ρ) alone is infinitely steep at the waypoint.
+It steers for its waypoint as fast as still lets it stop there (`planner.vehicles.approach`); its velocity
+follows by at most a T_s per control period.
 """
 
 import math
@@ -16,6 +14,7 @@ from estimator.arrays import FloatArray, IntArray, Positive
 from estimator.kernels import exact_kernel
 from planner.avoidance.halt import Evasion, stopping
 from planner.plan import Predictions, Trajectory
+from planner.vehicles.approach import stoppable
 from planner.vehicles.prediction import grown, measure_steps, measure_times, sampled, step_bounds
 
 APPROACH = 2.0  # k, 1/s
@@ -112,7 +111,6 @@ def _drive(s: FloatArray, waypoint: FloatArray, n: FloatArray, most: int, stop: 
     Returns the steps done and their control cost, the sum of the accelerations' squares, (MA)ASI (18).
     """
     t, speed, acceleration, tolerance2 = n[0], n[1], n[2], n[3] ** 2
-    near = acceleration / (APPROACH * APPROACH)
     change = acceleration * t
     cost = 0.0
     done = 0
@@ -122,8 +120,7 @@ def _drive(s: FloatArray, waypoint: FloatArray, n: FloatArray, most: int, stop: 
         if stop and square <= tolerance2:
             break
         gap = max(math.sqrt(square), 1e-12)
-        braking = math.sqrt(2.0 * acceleration * max(gap - 0.5 * near, 0.0))
-        scale = min(speed, braking if gap > near else APPROACH * gap) / gap
+        scale = min(speed, stoppable(gap, acceleration, APPROACH)) / gap
         dx, dy, dz = dx * scale - s[4], dy * scale - s[5], dz * scale - s[6]
         share = change / max(math.sqrt(dx * dx + dy * dy + dz * dz), change)
         dx, dy, dz = dx * share, dy * share, dz * share

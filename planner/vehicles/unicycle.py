@@ -6,12 +6,14 @@ With the distance ρ to the waypoint and the error α of the heading towards it,
 
 The feedback (in the manner of Khoukhi and Shahab 2013; derived here)
 
-    v = s(ρ) max(cos α, 0),    ω = k_α α + v sin α / ρ,    s(ρ) = min(v_max, k_ρ ρ, ω_max ρ, √(2 b ρ))
+    v = min(v_max, s(ρ)) max(cos α, 0),    ω = k_α α + v sin α / ρ,
+
+with s(ρ) of `planner.vehicles.approach`, at most min(k_ρ, ω_max) ρ and for deceleration b,
 
 gives V = (ρ² + α²) / 2 the derivative V' = -ρ s(ρ) max(cos α, 0) cos α - k_α α² <= 0, zero only at the
 waypoint, so it is asymptotically stable; the robot turns on the spot as long as the waypoint lies behind it,
 and never drives backwards. Where ω meets its limit, s(ρ) <= ω_max ρ leaves
-|v sin α / ρ| <= ω_max / 2, so |α| still falls. √(2 b ρ) is the speed from which the robot can stop there,
+|v sin α / ρ| <= ω_max / 2, so |α| still falls. s(ρ) is a speed from which the robot can stop there,
 and v follows the law at the acceleration a, or braking b. The waypoint is approached exponentially in the
 end and is therefore within any tolerance after a finite time.
 """
@@ -26,6 +28,7 @@ from estimator.arrays import FloatArray, IntArray, Positive
 from estimator.kernels import exact_kernel
 from planner.avoidance.halt import Evasion, stopping
 from planner.plan import Predictions, Trajectory
+from planner.vehicles.approach import stoppable
 from planner.vehicles.prediction import grown, measure_steps, measure_times, sampled, step_bounds
 
 SPOT_RAD, ABEAM_RAD = 0.3, 1.75
@@ -79,8 +82,10 @@ class Unicycle:
     def evasion(self) -> Evasion:
         """How it gets out of the way: it brakes straight ahead."""
         config = self.config
-        slowing = min(config.distance_gain, math.radians(config.turn_rate_deg_s))
-        return Evasion(config.speed_m_s, min(config.acceleration_m_s2, self._braking), slowing)
+        turning = math.radians(config.turn_rate_deg_s)
+        agility = math.hypot(max(config.acceleration_m_s2, self._braking), config.speed_m_s * turning)
+        approach = min(config.distance_gain, turning)
+        return Evasion(config.speed_m_s, self._braking, approach, swerving=agility)
 
     def aim(self, state: FloatArray) -> FloatArray:
         """Its own velocity (3,)."""
@@ -167,7 +172,7 @@ def _drive(s: FloatArray, waypoint: FloatArray, n: FloatArray, most: int, stop: 
         # cos α and sin α without an angle; the angle itself only for the turn
         c, k = math.cos(yaw), math.sin(yaw)
         ahead, left = (c * dx + k * dy) / gap, (c * dy - k * dx) / gap
-        aim = min(speed, min(distance_gain, turn) * gap, math.sqrt(2.0 * braking * gap))
+        aim = min(speed, stoppable(gap, braking, min(distance_gain, turn)))
         aim *= max(ahead, 0.0)
         v += min(max(aim - v, -braking * t), acceleration * t)
         w = heading_gain * math.atan2(left, ahead) + v * left / gap

@@ -1,78 +1,148 @@
+"""What one guard promises."""
+
 import math
 
 import numpy as np
 import pytest
 
-from planner.avoidance.guard import Guard, Sighting
+from planner.avoidance.barrier import allowed
+from planner.avoidance.guard import Guard
+from planner.avoidance.halt import going_on, halted, settling, steady
 from planner.vehicles.fixed_wing import FixedWing
 from planner.vehicles.point_mass import PointMass
 from planner.vehicles.quadrotor import Quadrotor
 from planner.vehicles.unicycle import Unicycle
-from tests.planner.avoidance.crowd import ring, run
 
-CASES = {  # vehicle, metres to keep, radius of the ring, seconds
-    "quadrotor": (Quadrotor(Quadrotor.Config(speed_m_s=10.0)), 5.0, 60.0, 30.0),
-    "point_mass": (PointMass(PointMass.Config()), 2.0, 30.0, 30.0),
-    "unicycle": (Unicycle(Unicycle.Config()), 0.6, 8.0, 40.0),
-    "fixed_wing": (FixedWing(FixedWing.Config()), 10.0, 300.0, 60.0),
+VEHICLES = {
+    "quadrotor": Quadrotor(Quadrotor.Config()),
+    "point_mass": PointMass(PointMass.Config()),
+    "unicycle": Unicycle(Unicycle.Config()),
+    "fixed_wing": FixedWing(FixedWing.Config()),
 }
+DRONE = VEHICLES["quadrotor"]
 
 
-@pytest.fixture(params=sorted(CASES))
-def case(request):
-    return CASES[request.param]
+def guard(separation=5.0):
+    return Guard("a", {"a": DRONE, "b": DRONE}, separation, level=True)
 
 
-@pytest.mark.parametrize("delay", [0.05, 0.4])
-def test_two_head_on_keep_apart_and_both_arrive(case, delay):
-    vehicle, separation, radius, seconds = case
-    outcome = run(vehicle, *ring(2, radius), separation, seconds, delay=delay)
-    assert outcome.least >= separation
-    assert len(outcome.arrived) == 2
-    assert outcome.diverted > 0
+def under_way(vehicle, seconds=4.0):
+    """A state in full motion to the east, and its motion."""
+    far = np.array([500.0, 0.0, 0.0])
+    state = vehicle.begin(vehicle.initial_state(np.zeros(4)), far)
+    state = vehicle.advance(state, far, round(seconds / vehicle.control_period))
+    return state, motion(vehicle, state)
 
 
-def test_four_that_cross_keep_apart(case):
-    vehicle, separation, radius, seconds = case
-    assert run(vehicle, *ring(4, radius), separation, seconds).least >= separation
+def motion(vehicle, state):
+    return vehicle.evasion.motion(vehicle.pose(state)[:3], vehicle.velocity(state), vehicle.aim(state))
 
 
-@pytest.mark.parametrize("delay", [0.05, 0.4])
-def test_who_vanished_is_kept_clear_of_where_it_was(case, delay):
-    vehicle, separation, radius, seconds = case
-    if isinstance(vehicle, FixedWing):
-        pytest.skip("an aircraft does not stand")
-    starts, goals = ring(2, radius)
-    starts["r01"] = np.array([0.0, 0.0, 10.0, math.pi])
-    outcome = run(vehicle, starts, goals, separation, seconds, delay=delay, dead=("r01",))
-    assert outcome.least >= separation
-
-
-def test_robots_that_hear_nothing_any_more_keep_apart(case):
-    vehicle, separation, radius, seconds = case
-    outcome = run(vehicle, *ring(2, radius), separation, seconds, silent_after=1.0)
-    assert outcome.least >= separation
-
-
-def test_the_same_run_gives_the_same_bits():
-    vehicle, separation, radius, _ = CASES["point_mass"]
-    one, two = (run(vehicle, *ring(3, radius), separation, 12.0) for _ in range(2))
-    assert one == two
+def place(row, seconds):
+    out = np.empty(3)
+    halted(row, seconds, out)
+    return out
 
 
 def test_nobody_near_costs_no_decision():
-    vehicle = CASES["quadrotor"][0]
-    guard = Guard("a", {"a": vehicle, "b": vehicle}, 5.0, level=True)
-    guard.see("b", Sighting(0.0, np.array([500.0, 0.0, 0.0]), np.zeros(3)))
-    state = vehicle.initial_state(np.zeros(4))
-    assert guard.decide(0.0, state, np.array([9.0, 0.0, 0.0])) is None
-    assert guard.idle(1.0)
-    assert guard.next_wake > 1.0
+    alone = guard()
+    alone.see("b", 0.0, [500.0, 0.0, 0.0], [0.0, 0.0, 0.0])
+    assert alone.decide(0.0, DRONE.initial_state(np.zeros(4)), np.array([9.0, 0.0, 0.0])) is None
+    assert not alone.watching
+    assert alone.next_wake > 5.0  # at its and the other's full speed it would still be far away
 
 
-def test_poses_that_are_no_numbers_are_not_believed():
-    vehicle = CASES["quadrotor"][0]
-    guard = Guard("a", {"a": vehicle, "b": vehicle}, 5.0, level=True)
-    guard.see("b", Sighting(0.0, np.array([np.nan, 0.0, 0.0]), np.zeros(3)))
-    guard.see("stranger", Sighting(0.0, np.zeros(3), np.zeros(3)))
-    assert guard.decide(0.0, vehicle.initial_state(np.zeros(4)), np.ones(3)) is None
+def test_somebody_who_turns_up_is_looked_at_at_once():
+    surprised = guard()
+    assert surprised.decide(0.0, DRONE.initial_state(np.zeros(4)), np.array([9.0, 0.0, 0.0])) is None
+    assert surprised.next_wake == math.inf
+    surprised.see("b", 0.1, [6.0, 0.0, 0.0], [0.0, 0.0, 0.0])
+    assert surprised.next_wake < 0.1
+
+
+def test_poses_that_are_no_numbers_or_of_strangers_are_not_believed():
+    wary = guard()
+    wary.see("b", 0.0, [math.nan, 0.0, 0.0], [0.0, 0.0, 0.0])
+    wary.see("b", 0.0, [3.0, 0.0, 0.0], [math.inf, 0.0, 0.0])
+    wary.see("stranger", 0.0, [1.0, 0.0, 0.0], [0.0, 0.0, 0.0])
+    assert wary.decide(0.0, DRONE.initial_state(np.zeros(4)), np.ones(3)) is None
+    assert not wary.watching
+
+
+def test_a_pose_that_was_overtaken_on_its_way_changes_nothing():
+    first, second = guard(), guard()
+    for some in (first, second):
+        some.see("b", 1.0, [8.0, 0.0, 0.0], [0.0, 0.0, 0.0])
+    second.see("b", 0.5, [100.0, 0.0, 0.0], [0.0, 0.0, 0.0])
+    state, goal = under_way(DRONE, 1.0)[0], np.array([50.0, 0.0, 0.0])
+    one, two = (some.decide(1.1, state, goal) for some in (first, second))
+    assert one is not None
+    assert (one == two).all()
+
+
+def test_without_a_separation_nothing_is_done():
+    free = guard(0.0)
+    free.see("b", 0.0, [1.0, 0.0, 0.0], [0.0, 0.0, 0.0])
+    assert free.decide(0.0, DRONE.initial_state(np.zeros(4)), np.ones(3)) is None
+    assert free.next_wake == math.inf
+
+
+@pytest.mark.parametrize("kind", sorted(VEHICLES))
+def test_vehicles_halt_where_others_reckon_that_they_do(kind):
+    vehicle = VEHICLES[kind]
+    state, row = under_way(vehicle)
+    circles = kind == "fixed_wing"
+    stop = vehicle.pose(state)[:3] if circles else vehicle.steer(state, vehicle.aim(state))
+    moving = vehicle.begin(state, stop)
+    margin = vehicle.evasion.margin
+    for k in range(20):
+        seconds = 0.3 * k
+        there = vehicle.pose(vehicle.advance(moving, stop, round(seconds / vehicle.control_period)))[:3]
+        assert np.linalg.norm(there - place(row, seconds)) <= margin
+    if not circles:
+        assert np.linalg.norm(place(row, settling(row)) - place(row, 3.0 * settling(row))) < 0.05
+
+
+@pytest.mark.parametrize("kind", sorted(VEHICLES))
+def test_a_steady_vehicle_goes_on_as_reckoned(kind):
+    vehicle = VEHICLES[kind]
+    state, row = under_way(vehicle, 6.0)
+    far = np.array([500.0, 0.0, 0.0])
+    assert steady(row, far, vehicle.config.speed_m_s, 1.5)
+    assert not steady(row, np.array([300.0, 300.0, 0.0]), vehicle.config.speed_m_s, 1.5)
+    assert not steady(row, vehicle.pose(state)[:3], vehicle.config.speed_m_s, 1.5)
+    after = motion(vehicle, vehicle.advance(state, far, round(1.5 / vehicle.control_period)))
+    np.testing.assert_allclose(going_on(row, 1.5)[:9], after[:9], atol=0.02 * vehicle.config.speed_m_s)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_what_the_barrier_allows_two_at_once_leaves_them_apart(seed):
+    """Checked densely, for both taking any allowed motion of a random fan in the same tick."""
+    rng = np.random.default_rng(seed)
+    vehicle, keep, tick = VEHICLES["point_mass"], 2.0, 0.3
+    rows = []
+    for sign in (-1.0, 1.0):
+        velocity = rng.normal(size=3) * 2.0
+        velocity *= min(1.0, 5.0 / np.linalg.norm(velocity))
+        position = np.array([sign * rng.uniform(2.0, 6.0), *rng.normal(size=2)])
+        rows.append(vehicle.evasion.motion(position, velocity, velocity))
+    dense = np.linspace(0.0, 6.0, 400)
+    if min(np.linalg.norm(place(rows[0], t) - place(rows[1], t)) for t in dense) < keep:
+        pytest.skip("not apart to begin with")
+    chosen = []
+    for own, other in ((rows[0], rows[1]), (rows[1], rows[0])):
+        asked = []
+        for _ in range(200):
+            turn = rng.normal(size=3)
+            change = turn / np.linalg.norm(turn) * 2.0 * tick
+            after = own.copy()
+            after[:3] += (own[3:6] + 0.5 * change) * tick
+            after[3:6] = after[6:9] = own[3:6] + change
+            asked.append(after)
+        none = np.zeros(1)
+        fine, _ = allowed(own, np.array(asked), other[None], none, np.full(1, keep), np.full(1, keep), tick)
+        chosen.append([after for after, good in zip(asked, fine, strict=True) if good])
+    for mine in chosen[0][:12]:
+        for theirs in chosen[1][:12]:
+            least = min(np.linalg.norm(place(mine, t) - place(theirs, t)) for t in dense[::4])
+            assert least >= keep - 1e-3

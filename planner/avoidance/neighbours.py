@@ -1,0 +1,159 @@
+"""Who of the others could matter to a robot within a tick, and for how long nobody can."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from estimator.arrays import BoolArray, FloatArray, IntArray
+from estimator.kernels import exact_kernel
+from planner.avoidance.halt import COLUMNS, Evasion, stopping
+
+STALE_S = 1.5  # older poses are taken as this old: by then a robot without a link has halted
+# Of a robot's limits: speed, deceleration, approach, lag, turn rate, agility, climb, metres to keep from it.
+SPEED, DECELERATION, APPROACH, LAG, TURN, AGILITY, CLIMB, KEEP, LIMITS = range(9)
+SWERVE = 0.2  # share of its way since its last pose by which a guessed aim may be wrong
+
+
+class Neighbours:
+    """What was last heard of the others. Mutable, in arrays: sightings come often and must cost little."""
+
+    def __init__(self, own: Evasion, others: Mapping[str, Evasion], separation: float) -> None:
+        """`separation` metres are to be kept, beside what the vehicles' own margins ask for."""
+        self._rows = {robot: row for row, robot in enumerate(sorted(others))}
+        count = len(others)
+        self.own = limits(own, separation)
+        self.limits = np.zeros((count, LIMITS))
+        for robot, row in self._rows.items():
+            self.limits[row] = limits(others[robot], separation + own.margin + others[robot].margin)
+        self.names = sorted(others)
+        self.motions = np.zeros((count, COLUMNS))
+        self.motions[:, 9:] = self.limits[:, DECELERATION : TURN + 1]
+        self.heard = np.full(count, -np.inf)
+        self.gone = np.zeros(count, dtype=np.bool_)
+
+    def __repr__(self) -> str:
+        seen = [robot for robot, row in self._rows.items() if self.heard[row] > -np.inf]
+        return f"Neighbours(seen={seen})"
+
+    def leave(self, robot: str) -> None:
+        """It is not waited for any more, but stays an obstacle where it would have halted."""
+        if robot in self._rows:
+            self.gone[self._rows[robot]] = True
+
+    def see(self, robot: str, time: float, position: Sequence[float], velocity: Sequence[float]) -> bool:
+        """A robot's pose was heard; whether it comes as a surprise: it is new, or not where it could be.
+
+        Poses that are older than what is known, of strangers, or not finite are not believed.
+        """
+        row = self._rows.get(robot)
+        x, y, z = position
+        vx, vy, vz = velocity
+        if row is None or not math.isfinite(x + y + z + vx + vy + vz):
+            return False
+        motion = self.motions[row]
+        px, py, pz, ux, uy, uz = motion[:6].tolist()
+        since = time - float(self.heard[row])
+        if since <= 0:
+            return False
+        speed, acceleration, _, lag, *_, keep = self.limits[row].tolist()
+        surprise = bool(math.hypot(x - px, y - py, z - pz) > speed * since + keep) or since == math.inf
+        ax, ay, az = vx, vy, vz
+        if lag > 0 and 0.01 < since < 0.5 and not surprise:
+            # A velocity that changes follows an aim that is ahead of it by the lag.
+            dx, dy, dz = (vx - ux) / since, (vy - uy) / since, (vz - uz) / since
+            strength = math.hypot(dx, dy, dz) / acceleration
+            ahead = lag / max(strength, 1.0)
+            ax, ay, az = vx + dx * ahead, vy + dy * ahead, vz + dz * ahead
+        motion[:9] = (x, y, z, vx, vy, vz, ax, ay, az)
+        self.heard[row] = time
+        self.gone[row] = False
+        return surprise
+
+    def near(
+        self, now: float, own: FloatArray, tick: float
+    ) -> tuple[IntArray, FloatArray, FloatArray, float, bool]:
+        """Rows, ages in seconds and metres to keep, of all that could matter within the tick.
+
+        Also for how many seconds nobody can matter if nobody does, and whether the robot seems to be without
+        a link while somebody could be near.
+        """
+        return _near(now, own, self.own, tick, self.motions, self.heard, self.gone, self.limits)
+
+
+def limits(evasion: Evasion, keep: float) -> FloatArray:
+    """The row (LIMITS,) for the kernels."""
+    e = evasion
+    return np.array([e.speed, e.acceleration, e.approach, e.lag, e.turn_rate, e.agility, e.climb, keep])
+
+
+@exact_kernel
+def _near(
+    now: float,
+    own: FloatArray,
+    own_limits: FloatArray,
+    tick: float,
+    motions: FloatArray,
+    heard: FloatArray,
+    gone: BoolArray,
+    limits: FloatArray,
+) -> tuple[IntArray, FloatArray, FloatArray, float, bool]:
+    count = heard.size
+    rows, ages, keeps = np.empty(count, dtype=np.int64), np.empty(count), np.empty(count)
+    awaited, deaf = False, True
+    for q in range(count):
+        if heard[q] > -np.inf and not gone[q]:
+            awaited = True
+            deaf = deaf and now - heard[q] > STALE_S
+    deaf = deaf and awaited
+    reach = _reach(own_limits, _fastest(own), tick)
+    found, quiet, cut_off = 0, np.inf, False
+    for q in range(count):
+        if heard[q] == -np.inf:
+            continue
+        age = min(max(now - heard[q], 0.0), STALE_S)
+        speed = _fastest(motions[q])
+        keep = limits[q, KEEP] + _uncertainty(limits[q], speed, age)
+        square = 0.0
+        for axis in range(3):
+            square += (own[axis] - motions[q, axis]) ** 2
+        gap = math.sqrt(square) - reach - _reach(limits[q], speed, age + tick) - keep
+        if deaf and not gone[q]:
+            # No link: the others do not hear this robot either, and may have gone anywhere meanwhile.
+            gap -= limits[q, SPEED] * (now - heard[q] - STALE_S)
+            cut_off = cut_off or gap <= 0
+        if gap <= 0:
+            rows[found], ages[found], keeps[found] = q, age, keep
+            found += 1
+        else:
+            # Speeds, halts and uncertainties grow too: this bounds them all.
+            closing = 3.0 * own_limits[SPEED]
+            if not (gone[q] and age >= STALE_S):
+                closing += 3.0 * limits[q, SPEED] + STALE_S * limits[q, AGILITY]
+            quiet = min(quiet, gap / closing)
+    return rows[:found], ages[:found], keeps[:found], quiet, cut_off
+
+
+@exact_kernel
+def _fastest(motion: FloatArray) -> float:
+    now = motion[3] * motion[3] + motion[4] * motion[4] + motion[5] * motion[5]
+    aim = motion[6] * motion[6] + motion[7] * motion[7] + motion[8] * motion[8]
+    return math.sqrt(max(now, aim))
+
+
+@exact_kernel
+def _reach(limits: FloatArray, speed: float, seconds: float) -> float:
+    """Metres from here of whatever it can come to in so many seconds and then halting."""
+    if limits[TURN] > 0.0:
+        return float(speed * seconds + 2.0 * speed / limits[TURN])
+    fast = min(limits[SPEED], speed + limits[AGILITY] * seconds)
+    halt = stopping(fast, limits[DECELERATION], limits[APPROACH])
+    return float(fast * (seconds + limits[LAG]) + halt)
+
+
+@exact_kernel
+def _uncertainty(limits: FloatArray, speed: float, age: float) -> float:
+    """Metres by which it may be elsewhere than where halting or going on would have brought it."""
+    bent = min(0.5 * limits[AGILITY] * age * age, 2.0 * limits[SPEED] * age)
+    guessed = SWERVE * speed * age if limits[LAG] > 0.0 else 0.0
+    return float(bent + guessed + limits[CLIMB] * age)
