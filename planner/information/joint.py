@@ -9,6 +9,7 @@ A robot's action that would meet another robot gives way to its next best, given
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from math import prod
 from typing import ClassVar
@@ -16,18 +17,20 @@ from typing import ClassVar
 import numpy as np
 
 from estimator.arrays import FloatArray, IntArray
-from planner.deadline import Deadline
+from planner.deadline import Deadline, Reserve
 from planner.information.actions import ActionSet
 from planner.information.config import JointConfig
 from planner.information.events import Events, committed
+from planner.information.following import LATE as NO_TIME_FOR_A_WAY
 from planner.information.following import LEAST, Chosen, in_order
 from planner.information.gains import Options, joined, nearest_first
-from planner.information.single import MODES_BY_SCALE, RANDOM, MutualInformation
-from planner.information.team import Joint, Rules, decided, enumerated, in_turn
+from planner.information.single import LATE, MODES_BY_SCALE, RANDOM, MutualInformation
+from planner.information.team import NOTHING, Joint, Rules, View, decided, enumerated, in_turn, same_others
 from planner.maasi.maasi import unplannable
 from planner.plan import Commitment, Plan, PlannerSetup, PlanProblem, Trajectory
 
 AT_ONCE = (0, 1)
+TURN_S = 1e-3  # that a robot's turn may take, before it was measured
 EVALUATION = 0.6  # of the time there is may go into the robots' actions; the rest is for choosing
 
 
@@ -60,6 +63,7 @@ class MutualInformationJoint(MutualInformation):
 
     def __init__(self, config: JointConfig, setup: PlannerSetup) -> None:
         super().__init__(config, setup)
+        self._turn = Reserve(TURN_S)
 
     def plan_jointly(self, problems: tuple[PlanProblem, ...]) -> tuple[Plan, ...]:
         """One plan per problem; commitments of robots that plan now are not conditioned on.
@@ -73,7 +77,10 @@ class MutualInformationJoint(MutualInformation):
             return tuple(plans.values())
         first = problems[some[0]]
         deadline = self.deadline(first.deadline_s)
-        choosing = deadline.less(len(some) * self.following.reserve.seconds)
+        ways = self.following.reserve
+        if not ways.fits(deadline.less((len(some) - 1) * ways.seconds)):
+            return tuple(replace(plan, reason=plan.reason or LATE) for plan in plans.values())
+        choosing = deadline.less(len(some) * ways.seconds)
         team: list[Member] = []
         points, weights = np.zeros((0, 0)), np.zeros(0)
         for done, number in enumerate(some):
@@ -91,7 +98,9 @@ class MutualInformationJoint(MutualInformation):
                 plans[number] = member
             else:
                 team.append(member)
-        if team:
+        if team and choosing.over():
+            plans.update({member.number: Plan(None, LATE) for member in team})
+        elif team:
             plans.update(self._together(problems, team, first, points, weights, choosing, deadline))
         return tuple(plans.values())
 
@@ -123,7 +132,7 @@ class MutualInformationJoint(MutualInformation):
         deadline: Deadline,
     ) -> dict[int, Plan]:
         config = self.config
-        rules = Rules(points, weights, config.taylor_terms, config.exact_steps)
+        rules = Rules(points, weights, config.taylor_terms, self.exact_steps(deadline))
         planning = tuple(problem.robot for problem in problems)
         events = committed(first, self.setup, points, config.steps, planning, choosing.over)
         best: tuple[Joint, list[Member]] | None = None
@@ -138,17 +147,19 @@ class MutualInformationJoint(MutualInformation):
         if not joint.information.exact and math.isinf(deadline.seconds):
             whole = decided([member.options for member in team], joint.choice, events)
             joint = replace(joint, information=rules.of(whole))
-        return self._followed(problems, team, joint, events, rules, deadline)
+        return self._followed(problems, team, joint, events, rules, choosing, deadline)
 
-    def _kinds(self, team: list[Member]) -> list[list[Member]]:
+    def _kinds(self, team: list[Member]) -> Iterator[list[Member]]:
         """The team with the length scales that it may choose from, for each choice that is compared."""
         if self.config.mode not in MODES_BY_SCALE:
-            return [team]
+            yield team
+            return
         lengths = [set(np.unique(member.lengths).tolist()) for member in team]
-        return [
-            [member.only(np.flatnonzero(member.lengths == length)) for member in team]
-            for length in sorted(set.intersection(*lengths))
-        ] or [team]
+        common = sorted(set.intersection(*lengths))
+        for length in common:
+            yield [member.only(np.flatnonzero(member.lengths == length)) for member in team]
+        if not common:
+            yield team
 
     def _joint(
         self, team: list[Member], events: Events, rules: Rules, seed: int, deadline: Deadline
@@ -158,30 +169,49 @@ class MutualInformationJoint(MutualInformation):
         if config.mode in RANDOM:
             rng = np.random.default_rng(seed)
             choice = tuple(int(rng.integers(some.size)) for some in options)
-            view = rules.view(options, choice, 0, events, places[0], deadline.over)
-            if not np.isfinite(view.values[choice[0]]):
-                return Joint(choice, rules.of(events), 0, (None,) * len(team))
-            return Joint(choice, rules.told(view, options[0], choice[0]), 0, (None,) * len(team))
+            return self._told(Joint(choice, NOTHING, 0, (None,) * len(team)), team, events, rules, deadline)
         steps = len(team) * config.steps
-        few = prod(some.size for some in options) <= config.max_joint and steps <= config.exact_steps
+        few = prod(some.size for some in options) <= config.max_joint and steps <= rules.limit
         at_once = config.mode in AT_ONCE and few
         turns = None
         if not at_once or math.isfinite(deadline.seconds):
-            turns = in_turn(options, events, places, rules, config.cycles, deadline.over)
+            turns = in_turn(options, events, places, rules, config.cycles, deadline, self._turn)
             if not at_once or deadline.over():
                 return turns
         near = events
-        if len(events.clutter) > config.exact_steps - steps:
+        if len(events.clutter) > rules.limit - steps:
             order = nearest_first(events.detection, rules.points, rules.weights, np.mean(places, axis=0))
-            near = events.only(np.sort(order[: config.exact_steps - steps]))
+            near = events.only(np.sort(order[: rules.limit - steps]))
         found = enumerated(options, near, rules, deadline.over)
         if found is None or (turns is not None and turns.information.value > found.information.value):
             assert turns is not None
             return turns
-        if near is events:
-            return found
-        view = rules.view(options, found.choice, 0, events, places[0], deadline.over)
-        return replace(found, information=rules.told(view, options[0], found.choice[0]))
+        found = found if turns is None else replace(found, views=turns.views)
+        return found if near is events else self._told(found, team, events, rules, deadline)
+
+    def _told(
+        self, joint: Joint, team: list[Member], events: Events, rules: Rules, deadline: Deadline
+    ) -> Joint:
+        """With what all events say, as far as there is time for it."""
+        view = self._view(joint, 0, team, events, rules, deadline)
+        if view is None or not np.isfinite(view.values[joint.choice[0]]):
+            return joint
+        views = (view, *joint.views[1:])
+        told = rules.told(view, team[0].options, joint.choice[0])
+        return replace(joint, information=told, views=views)
+
+    def _view(
+        self, joint: Joint, r: int, team: list[Member], events: Events, rules: Rules, deadline: Deadline
+    ) -> View | None:
+        """A robot's options given the others' choice; without time, what is known."""
+        known = joint.views[r]
+        if known is not None and same_others(known.others, joint.choice, r):
+            return known
+        if deadline.over() or not self._turn.fits(deadline):
+            return known
+        options = [member.options for member in team]
+        with self._turn.measured(deadline):
+            return rules.view(options, joint.choice, r, events, team[r].place, deadline.over)
 
     def _followed(
         self,
@@ -190,15 +220,19 @@ class MutualInformationJoint(MutualInformation):
         joint: Joint,
         events: Events,
         rules: Rules,
+        choosing: Deadline,
         deadline: Deadline,
     ) -> dict[int, Plan]:
         """Plans of the joint action, each robot's around those before it; the others stand where they are."""
         plans: dict[int, Plan] = {}
         standing = {p.robot: self._standing(p) for p in problems if self._known(p)}
-        options = [member.options for member in team]
+        late = False
         for r, member in enumerate(team):
             problem, choice = member.problem, joint.choice[r]
-            view = joint.views[r] or rules.view(options, joint.choice, r, events, member.place, deadline.over)
+            view = self._view(joint, r, team, events, rules, choosing) if choice >= 0 else None
+            if view is None or late:
+                plans[member.number] = Plan(None, LATE)
+                continue
             order = in_order(view.values)
             worth = view.values[choice] - view.without > LEAST
             if choice in order and (worth or self.config.mode in RANDOM):
@@ -220,6 +254,7 @@ class MutualInformationJoint(MutualInformation):
                 standing[problem.robot] = _committed(problem, plan.trajectory)
                 terms = dict(plan.terms) | {"joint": joint.information.value, "cycles": float(joint.cycles)}
                 plan = replace(plan, terms=terms)
+            late = plan.reason == NO_TIME_FOR_A_WAY
             plans[member.number] = plan
         return plans
 

@@ -7,6 +7,7 @@ plan is the next step. It goes on to its first poses only (1/T of the way) and p
 For one robot, modes 0 to 3 are the same: the best of all scales is the best of the scales' best.
 """
 
+import math
 from typing import ClassVar
 
 import numpy as np
@@ -26,6 +27,8 @@ from planner.plan import Intensity, Plan, PlannerSetup, PlanProblem
 
 MODES_BY_SCALE = (1, 3, 5)  # one length scale for all robots
 RANDOM = (4, 5)
+TIMELY = 14  # robot-steps whose outcomes take a millisecond
+LATE = "holds: its deadline passed before it had any action"
 
 
 class MutualInformation:
@@ -50,13 +53,17 @@ class MutualInformation:
         if awkward:
             return Plan(None, awkward)
         deadline = self.deadline(problem.deadline_s)
+        if not self.following.reserve.fits(deadline):
+            return Plan(None, LATE)
         found, points, weights = self.prepared(problem)
         if found is not None:
             return found
         config, choosing = self.config, deadline.less(self.following.reserve.seconds)
         events = committed(problem, self.setup, points, config.steps, over=choosing.over)
+        if choosing.over():
+            return Plan(None, LATE)
         here = self.setup.vehicles[problem.robot].pose(problem.state)[: len(points)]
-        room = max(0, config.exact_steps - config.steps)
+        room = max(0, self.exact_steps(deadline) - config.steps)
         fixed, neglected = nearest(events, points, weights, here, room, config.taylor_terms)
         reach: Reach | None = None
         values, error = np.zeros(0), 0.0
@@ -73,6 +80,11 @@ class MutualInformation:
         note = "" if len(order) == values.size else ", the best when its time was up"
         chosen = Chosen(reach.actions, order, told, fixed.information, error, note)
         return self.following.plan(problem, chosen, deadline, pointless=config.mode in RANDOM)
+
+    def exact_steps(self, deadline: Deadline) -> int:
+        """Robot-steps whose information is exact, no more with a deadline than can be worked out in a go."""
+        most = self.config.exact_steps
+        return most if math.isinf(deadline.seconds) else min(most, TIMELY)
 
     def prepared(self, problem: PlanProblem) -> tuple[Plan | None, FloatArray, FloatArray]:
         """A plan if nothing is to be looked for; else the points and weights of what is."""
@@ -96,7 +108,7 @@ class MutualInformation:
     def nowhere(self, problem: PlanProblem, *, late: bool) -> Plan:
         """A robot without an action, or without one in time."""
         if late:
-            return Plan(None, "holds: its deadline passed before it had any action")
+            return Plan(None, LATE)
         why = "no place at the distance of a length scale is in the area and can be reached"
         return returning(problem, self.setup, why) if limited(problem) else Plan(None, f"holds: {why}")
 

@@ -10,12 +10,14 @@ from itertools import product
 import numpy as np
 
 from estimator.arrays import FloatArray
+from planner.deadline import Deadline, Reserve
 from planner.information.events import Events, nearest
 from planner.information.gains import Fixed, Options, information
 from planner.information.mutual import Information, mutual_information
 from planner.plan import Over
 
 SAME = 1e-12  # nats: a change for less is none
+NOTHING = Information(0.0, 0.0, True)
 AT_ONCE = 1 << 14  # outcomes, of all actions, that are worked out between questions for the time
 
 
@@ -26,7 +28,7 @@ class Joint:
     choice: tuple[int, ...]  # of each robot's options
     information: Information  # of the team, commitments included
     cycles: int  # through the team; 0: all joint actions were looked at
-    views: "tuple[View | None, ...]"  # of each robot's options given the others' choice, where they are known
+    views: "tuple[View | None, ...]"  # each robot's latest, where there is one
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,9 +116,17 @@ def enumerated(team: list[Options], events: Events, rules: Rules, over: Over) ->
 
 
 def in_turn(
-    team: list[Options], events: Events, places: list[FloatArray], rules: Rules, cycles: int, over: Over
+    team: list[Options],
+    events: Events,
+    places: list[FloatArray],
+    rules: Rules,
+    cycles: int,
+    deadline: Deadline,
+    reserve: Reserve,
 ) -> Joint:
     """Coordinate descent to consensus, from nobody having an action; stops early when time runs out.
+
+    Robots that had no turn by then have no action, and the choice of them is -1.
 
     Args:
         team: options of each robot, at least one each.
@@ -124,32 +134,31 @@ def in_turn(
         places: (d,) of each robot; of too many events the nearest count.
         rules: of information.
         cycles: through the team, at most.
-        over: whether time has run out.
+        deadline: of the choice.
+        reserve: what a robot's turn takes.
     """
     choice: list[int] = [-1] * len(team)
     views: list[View | None] = [None] * len(team)
-    done, latest = 0, 0
+    told, done, late = NOTHING, 0, False
     for cycle in range(cycles):
         changed = False
         for r in range(len(team)):
             known = views[r]
-            if known is not None and (over() or same_others(known.others, choice, r)):
+            if late or (known is not None and same_others(known.others, choice, r)):
                 continue  # nothing new to choose by
-            view = rules.view(team, choice, r, events, places[r], over)
-            views[r], latest = view, r
+            if not reserve.fits(deadline):
+                late = True
+                continue
+            with reserve.measured(deadline):
+                views[r] = view = rules.view(team, choice, r, events, places[r], deadline.over)
             best = int(np.argmax(view.values))
             if choice[r] < 0 or view.values[best] > view.values[choice[r]] + SAME:
                 changed |= choice[r] != best
                 choice[r] = best
+            told = rules.told(view, team[r], choice[r])
         done = cycle + 1
-        if not changed or over() or len(team) == 1:
+        if not changed or late or len(team) == 1:
             break
-    last = views[latest]
-    assert last is not None  # there is a robot, and each had a view in the first cycle
-    told = rules.told(last, team[latest], choice[latest])
-    for r, known in enumerate(views):
-        if known is not None and not same_others(known.others, choice, r):
-            views[r] = None
     return Joint(tuple(choice), told, done, tuple(views))
 
 
