@@ -25,6 +25,7 @@ class Mailbox:
         self.team = team
         self.counters: Counter[str] = Counter()
         self.wanted: Callable[[Topic, str], bool] | None = None  # else it is not even decoded
+        self.on_refusal: Callable[[str, str], None] = lambda topic, sender: None
         self._notice = notice
         self._decode = decode
         self._noticed: set[tuple[str, str]] = set()
@@ -58,6 +59,7 @@ class Mailbox:
         return sum(len(missing) for missing in self._missing.values())
 
     def _reject(self, item: Received, error: MalformedMessage) -> None:
+        self.on_refusal(item.topic.name, item.sender)
         self.counters["rejected"] += 1
         self.counters[f"rejected.{error.reason}"] += 1
         if (item.sender, error.reason) not in self._noticed:

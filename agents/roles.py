@@ -28,11 +28,11 @@ ROLES: dict[str, Role] = {
         ("set", "soft_observation", "ledger", "relay", "clock", "start"),
     ),
     "operator": Role(
-        ("soft_observation", "request", "clock", "health", "event"),
+        ("soft_observation", "request", "clock"),
         ("start", "posterior", "event", "bid"),
     ),
     "watch": Role(("clock", "health", "event"), EVERYTHING),
     "status": Role(("clock",), tuple(name for name in TOPICS if name != "truth")),
-    "swarm": Role(("truth", "clock", "health", "event"), EVERYTHING),
+    "swarm": Role(("truth", "clock", "event"), EVERYTHING),
 }
 EXCLUSIVE = ("robot", "fusion")  # roles of which no two processes may have the same id

@@ -6,6 +6,7 @@ the agent's next wake or until something arrives.
 
 import asyncio
 import contextlib
+import math
 import secrets
 import signal
 import sys
@@ -28,6 +29,7 @@ from agents.plugins import load
 from agents.roles import EXCLUSIVE
 from agents.topics import CLOCK, EVENT, START, Topic
 from agents.transport import Peer, PeerChange, Transport
+from agents.vitals import Vitals
 
 HEALTH_PERIOD_S = 1.0  # wall time
 FIRST_ANSWER_S = 3.0  # wall time that a process waits to be told by how much its clock is off
@@ -57,6 +59,9 @@ class Shell:
         self.wake = asyncio.Event()
         self._loop = asyncio.get_running_loop()
         self._told: list[Event] = []
+        self._peers: set[Peer] = set()  # alive
+        self.vitals = Vitals(mission, time.monotonic())
+        self.mailbox.on_refusal = lambda topic, sender: self.vitals.refused(topic, sender, time.monotonic())
         self._joined = 0.0
         transport = load("transports", mission.link.kind)
         endpoints = tuple(connect) or tuple(mission.link.endpoints) or None
@@ -103,8 +108,14 @@ class Shell:
         for event in list(events):
             if isinstance(event, PeerChange):
                 self._look_for_double(event)
+                (self._peers.add if event.alive else self._peers.discard)(event.peer)
             elif isinstance(event, Heard) and isinstance(event.message, StartMessage):
                 events += self._set_clock(event.message)
+        wall, now, clock = time.monotonic(), self.clock.now(), self.sync is not None or self.role == "fusion"
+        for event in events:
+            if isinstance(event, Heard):
+                late = (now - event.message.time) / self.clock.speed if clock else math.nan
+                self.vitals.heard(event.topic.name, event.message, wall, late)
         told, self._told = self._told, []
         return events + told
 
@@ -240,7 +251,11 @@ class Shell:
         """What the operating system says of this process."""
         clock = {} if self.sync is None else self.sync.gauges(self.clock.raw())
         process = psutil.Process()
+        waiting = self.transport.waiting()
+        peers = {peer.id: peer.role for peer in self._peers}
         return {
+            **{f"queue.{topic}": float(count) for topic, count in waiting.items()},
+            **self.vitals.gauges(time.monotonic(), self.clock.speed, peers),
             "memory_mb": process.memory_info().rss / 1e6,
             "cpu_s": sum(process.cpu_times()[:2]),
             **clock,

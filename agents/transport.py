@@ -108,6 +108,10 @@ class Transport(ABC):
     def drain_peer_changes(self) -> list[PeerChange]:
         """Tokens that came or went since the last call; the first call gives all that stand."""
 
+    def waiting(self) -> dict[str, int]:
+        """How many messages wait to be drained, by topic."""
+        return {}
+
     @abstractmethod
     def statistics(self) -> dict[str, int]:
         """Counters by name: published, received, dropped per topic, missed, ..."""

@@ -182,6 +182,9 @@ class ZenohTransport(Transport):
     def drain_peer_changes(self) -> list[PeerChange]:
         return self._roll.drain() if self._roll is not None else []
 
+    def waiting(self) -> dict[str, int]:
+        return {name: len(subscription.inbox) for name, subscription in self._subscriptions.items()}
+
     def statistics(self) -> dict[str, int]:
         """published, received, missed, oversize, unsent, and dropped.TOPIC of each subscribed topic."""
         subscriptions = list(self._subscriptions.values())
