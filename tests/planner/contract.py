@@ -20,7 +20,9 @@ from planner.vehicles.quadrotor import Quadrotor
 from planner.vehicles.unicycle import Unicycle
 
 SIDE = 60.0
-CONFIGS: dict[str, dict[str, Any]] = {}  # keys that a kind cannot do without
+CONFIGS: dict[str, dict[str, Any]] = {  # keys that a kind cannot do without, or that make it quick
+    "monte_carlo": {"paths": 300},
+}
 ELSEWHERE: dict[str, set[str]] = {}  # setups for which a kind only has a reason to hold
 SLACK = 0.25  # m: positions are sampled, and vehicles stop within a tolerance
 SETUPS = ("drones_2d", "ground_2d", "drones_3d")

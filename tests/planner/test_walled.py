@@ -100,12 +100,6 @@ def test_no_way_among_walls_exceeds_its_budget(kind: str, budget: Budget) -> Non
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_two_hundred_robots_among_walls_have_a_plan_or_a_reason(kind: str) -> None:
-    setup = walled.team("ground_2d")
-    planned(kind, "ground_2d", setup, contract.AWKWARD["two hundred others"](contract.ordinary(setup)))
-
-
-@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("deadline", [0.0005, 0.004, 0.02])
 def test_ways_that_were_found_in_a_hurry_touch_nothing_either(kind: str, deadline: float) -> None:
     setup = walled.team("ground_2d")
