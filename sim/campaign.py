@@ -10,7 +10,7 @@ from agents.invariants.sets import recovery_limit_s
 from agents.mission import Mission
 from agents.team import Team
 from sim.engine import Engine
-from sim.faults import SLOWEST_S, Schedule, random_schedule, stage
+from sim.faults import SLOWEST_S, Clock, Schedule, random_schedule, stage
 from sim.injector import Injector
 
 BEGIN_S = 1.0  # before it, nothing goes wrong
@@ -44,7 +44,14 @@ def run(mission: Mission, schedule: Schedule, seed: int) -> tuple[Engine, RunHis
     """One run under a schedule."""
     mission = msgspec.structs.replace(mission, seed=seed)
     injector = Injector(RunHistory(mission, seed, "virtual"), schedule)
-    engine = Engine(Team.of(mission), seed, viewer=True, absent=schedule.absent, onlooker=injector)
+    engine = Engine(
+        Team.of(mission),
+        seed,
+        viewer=True,
+        absent=schedule.absent,
+        onlooker=injector,
+        clocks=any(isinstance(fault, Clock) for fault in schedule.faults),
+    )
     injector.begin(engine)
     engine.run()
     return engine, injector.finish()

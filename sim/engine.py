@@ -62,6 +62,7 @@ class Engine:
         viewer: bool = False,
         absent: Collection[str] = (),
         onlooker: Onlooker | None = None,
+        clocks: bool = False,
     ) -> None:
         """`ledger` is the first fusion's; `ledgers` are those of all, by name; else they are in memory.
 
@@ -75,6 +76,7 @@ class Engine:
         self.scoreboard = Scoreboard(team.mission, seed, "virtual", self.world)
         self._record = record
         self.onlooker = onlooker or Onlooker()
+        self.clocks = clocks  # robots have their own, and look how far they are off
         self.ledgers = dict(ledgers or {name: Ledger() for name in team.mission.fusions()})
         if ledger is not None:
             self.ledgers[FUSION] = ledger

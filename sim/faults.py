@@ -12,7 +12,15 @@ from sim.conditions import NetworkConditions
 CALM = NetworkConditions()
 SLOWEST_S = 3.1  # the most that a message takes in any weather
 POINTS = {  # between which two actions a process may be killed
-    "robot": ("before set", "after set", "before plan", "after plan", "before pose", "after pose"),
+    "robot": (
+        "before store",
+        "after store",
+        "after set",
+        "before plan",
+        "after plan",
+        "before pose",
+        "after pose",
+    ),
     "fusion": ("before store", "after store", "before posterior", "after posterior", "before picture"),
 }
 

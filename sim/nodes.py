@@ -68,8 +68,8 @@ class Node(ABC):
         self.boot = boot_name(self._boots)
         self._boots += 1
         computer = self.computer
-        exact = computer.offset == 0.0 and computer.drift == 0.0
-        self.clock = engine.clock if exact else NodeClock(computer, engine.clock.now)
+        looked_at = engine.clocks and self.role == "robot"
+        self.clock = NodeClock(computer, engine.clock.now) if looked_at else engine.clock
         self._told, self._wake_at, self._busy_until = [], float("inf"), 0.0
         self.transport = SimulatedTransport(engine.network)
         self.mailbox = Mailbox(

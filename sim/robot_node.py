@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +14,9 @@ from agents.machine import Action, Event
 from agents.messages import HealthMessage
 from agents.plan_request import RobotSetup
 from agents.robot import Robot
-from agents.topics import BID, PICTURE, PLAN, POSE, POSTERIOR, REQUEST, SET, SOFT_OBSERVATION, STATE
+from agents.topics import BID, PICTURE, PLAN, POSE, POSTERIOR, REQUEST, SET, SOFT_OBSERVATION, START, STATE
+from sim.clock_keeper import ClockKeeper
+from sim.node_clock import NodeClock
 from sim.nodes import Life, Node
 from sim.steady import SETPOINTS_S, SteadySensor, SteadyVehicle
 
@@ -34,6 +37,13 @@ class RobotNode(Node):
         self._silences = 0
 
     def _begin(self) -> None:
+        self._early: list[Event] = []
+        self._keeper = ClockKeeper(self, self.clock) if isinstance(self.clock, NodeClock) else None
+        if self._keeper is None:
+            self._join()
+
+    def _join(self) -> None:
+        """The clock is known: the robot begins."""
         team, now = self.engine.team, self.clock.now()
         self.vehicle.boot(self.clock)
         self.sensor.boot(self.clock)
@@ -43,6 +53,7 @@ class RobotNode(Node):
             boot=self.boot,
             vehicle=team.vehicle_models[self.name],
             vehicles=team.vehicle_models,
+            ground=team.ground,
             sensors=team.sensor_models,
             area=team.area,
             periods=team.measure_periods,
@@ -76,6 +87,8 @@ class RobotNode(Node):
         self.engine.after(SETPOINTS_S, look)
 
     def _subscribe(self) -> None:
+        if self.engine.clocks:
+            self.transport.subscribe(START)
         for topic in (POSE, SET, PICTURE, POSTERIOR, STATE, SOFT_OBSERVATION):
             self.transport.subscribe(topic, urgent=False)
         self.transport.subscribe(PLAN)
@@ -87,9 +100,20 @@ class RobotNode(Node):
         self.engine.perform(self, action)
 
     def step(self, events: list[Event]) -> None:
+        keeper = self._keeper
+        if keeper is not None:
+            joined = keeper.joined
+            self._early += events + keeper.hear(events)
+            if not keeper.joined:
+                return
+            events, self._early = self._early, []
+            if not joined:
+                self._join()
         self.body.step(events)
 
     def next_wake(self) -> float:
+        if self._keeper is not None and not self._keeper.joined:
+            return math.inf
         return self.body.next_wake()
 
     def sizes(self) -> dict[str, int]:

@@ -13,6 +13,7 @@ from agents.requester import Requester
 from agents.statements import said
 from agents.topics import (
     BID,
+    CLOCK,
     EVENT,
     HEALTH,
     LEDGER,
@@ -25,6 +26,7 @@ from agents.topics import (
     SOFT_OBSERVATION,
     TRUTH,
 )
+from sim.clock_keeper import TimeTeller
 from sim.nodes import Node
 
 if TYPE_CHECKING:
@@ -43,8 +45,11 @@ class FusionNode(Node):
         setup = FusionSetup(team.mission, self.name, self.boot, team.search(), team.sensor_models, ledger)
         self.fusion = Fusion(setup, engine.seed)
         self.fusion.restore()
+        self._teller = TimeTeller(self, self.fusion.stamp) if engine.clocks else None
 
     def _subscribe(self) -> None:
+        if self.engine.clocks:
+            self.transport.subscribe(CLOCK)
         for topic in (SET, SOFT_OBSERVATION):
             self.transport.subscribe(topic)
         for topic in (LEDGER, RELAY):
@@ -52,6 +57,8 @@ class FusionNode(Node):
 
     def step(self, events: list[Event]) -> None:
         now = self.clock.now()
+        if self._teller is not None:
+            self._teller.hear(events)
         for action in self.fusion.step(now, events):
             if isinstance(action, Publish) and isinstance(action.message, PosteriorMessage) and events:
                 self.engine.capture_to_posterior_ms.add((now - action.message.time) * 1e3)

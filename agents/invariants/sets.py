@@ -2,10 +2,11 @@
 
 from bisect import bisect_right
 from collections import Counter, defaultdict
+from collections.abc import Sequence
 
 import numpy as np
 
-from agents.invariants.connections import Life, Truth
+from agents.invariants.connections import Interval, Life, Truth
 from agents.invariants.history import RunHistory
 from agents.invariants.report import Report
 from agents.messages import LedgerEntry, MeasurementSetMessage, PosteriorMessage
@@ -62,20 +63,20 @@ def no_set_lost(history: RunHistory, truth: Truth, report: Report) -> None:
     first = acknowledged(history)
     late = max((fact.value for fact in history.facts if fact.what == "delay"), default=0.0)
     limit = recovery_limit_s(history.mission, late)
-    fusions: dict[str, list[Life]] = defaultdict(list)
-    for life in truth.of("fusion"):
-        fusions[life.who].append(life)
+    fusions, takers = _by_name(truth.of("fusion")), _by_name(truth.lives)
     refused = {fact.who for fact in history.facts if fact.what == "clock" and fact.value}
-    spans: dict[tuple[str, str, str], list[tuple[float, float]]] = {}
+    spans: dict[tuple[str, str], list[Interval]] = {}
     for identity, (at, _) in taken(history).items():
-        taker = truth.life(*identity[:2])
-        if taker is None:
-            report.counts["sets of unknown boots"] += 1
+        boots = takers.get(identity[0])
+        if boots is None:
+            report.counts["sets of unknown senders"] += 1
             continue
         for fusion, lives in fusions.items():
-            key = (*identity[:2], fusion)
-            if key not in spans:
-                spans[key] = [span for other in lives for span in truth.together(taker, other)]
+            key = (identity[0], fusion)
+            if key not in spans:  # a boot offers what those before it left
+                spans[key] = sorted(
+                    s for life in boots for other in lives for s in truth.together(life, other)
+                )
             arrived = first[fusion].get(identity)
             due = _due(at, spans[key], limit)
             if arrived is not None:
@@ -87,14 +88,22 @@ def no_set_lost(history: RunHistory, truth: Truth, report: Report) -> None:
                         LOST, arrived, f"{_name(identity)} came to {fusion} {wait:.1f} s after it could"
                     )
             elif due is None or due > truth.end:
-                report.counts[f"sets not applied: {_reason(at, taker, lives, spans[key], truth)}"] += 1
+                reason = _reason(boots, lives, spans[key], truth)
+                report.counts[f"sets not applied: {reason}"] += 1
             elif identity[0] in refused:
                 report.counts["sets not applied: clock refused"] += 1
             else:
                 report.violate(LOST, due, f"{_name(identity)} of {at:.1f} s is not in {fusion}")
 
 
-def _due(at: float, spans: list[tuple[float, float]], limit: float) -> float | None:
+def _by_name(lives: Sequence[Life]) -> dict[str, list[Life]]:
+    found: dict[str, list[Life]] = defaultdict(list)
+    for life in lives:
+        found[life.who].append(life)
+    return found
+
+
+def _due(at: float, spans: list[Interval], limit: float) -> float | None:
     """By when a set must have come: once the two were together for so long."""
     for begin, end in spans:
         if end - max(begin, at) >= limit:
@@ -102,10 +111,10 @@ def _due(at: float, spans: list[tuple[float, float]], limit: float) -> float | N
     return None
 
 
-def _reason(at: float, life: Life, lives: list[Life], spans: list[tuple[float, float]], truth: Truth) -> str:
-    if life.end < truth.end:
-        return "its robot died before"
-    if not any(other.end >= truth.end for other in lives):
+def _reason(boots: list[Life], lives: list[Life], spans: list[Interval], truth: Truth) -> str:
+    if boots[-1].end < truth.end:
+        return "its robot died and did not come back"
+    if lives[-1].end < truth.end:
         return "the fusion is dead"
     if spans and spans[-1][1] >= truth.end:
         return "the run ended before"

@@ -48,7 +48,8 @@ def _goes_on(history: RunHistory, truth: Truth, report: Report) -> None:
             rates.append(("set", periods[life.who], sorted(sets[source].values())))
         for topic, period, times in rates:
             report.counts[f"{topic} intervals"] += len(times)
-            for before, after in zip(times, [*times[1:], life.end], strict=False):
+            own = [at for at in times if at <= life.end]  # a later boot may offer what this one left
+            for before, after in zip(own, [*own[1:], life.end], strict=False):
                 gap = after - before
                 if gap <= 1.5 * period + slack or overlap((before, after), truth.stopped(life.who)):
                     continue
