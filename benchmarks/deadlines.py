@@ -24,7 +24,7 @@ from estimator.filter import Area
 from estimator.sensors.range_bearing import RangeBearing
 from planner.deadline import Deadline
 from planner.ground.routes import lifted, trajectory_to
-from planner.plan import Commitment, Intensity, PlannerSetup, PlanProblem
+from planner.plan import Commitment, Intensity, PlannerSetup, PlanProblem, TeamPlanner
 from planner.vehicles.quadrotor import Quadrotor
 
 DEPOT = Path(__file__).resolve().parents[1] / "missions" / "depot.toml"
@@ -138,6 +138,32 @@ def lateness(
             yield Late(kind, place, robots, deadline, 1e3 * over, plan.trajectory is not None, plan.reason)
 
 
+def together(
+    kind: str, place: str, robots: int = 3, clock: Callable[[], float] = time.thread_time
+) -> Iterator[Late]:
+    """Plans of a planner for several robots at once; nothing of one that plans for each by itself."""
+    setup, problems = scene(place, robots)
+    found = plugin("planners", kind)
+    planner = found(found.Config(), setup)
+    if not isinstance(planner, TeamPlanner):
+        return
+    for one in (planner, getattr(planner, "single", planner)):
+        one.deadline = lambda seconds: Deadline(seconds, clock)
+    team = tuple(
+        replace(problems[i], robot=f"r{i}", others=(), intensity=problems[0].intensity) for i in range(robots)
+    )
+    for _ in range(2):
+        planner.plan_jointly(team)
+    for deadline in DEADLINES_S:
+        for k in range(STARTS):
+            given = tuple(replace(p, deadline_s=deadline, start_time=2.0 + 0.01 * k) for p in team)
+            began = clock()
+            plans = planner.plan_jointly(given)
+            over = clock() - began - deadline
+            moves = all(plan.trajectory is not None for plan in plans)
+            yield Late(kind, place, robots, deadline, 1e3 * over, moves, plans[0].reason)
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--planner", action="append")
@@ -149,13 +175,20 @@ def main() -> None:
     for kind in args.planner or planners():
         for place in args.place or PLACES:
             for robots in args.robots or CROWDS:
-                rows = list(lateness(kind, place, robots, clock))
-                cells = []
-                for deadline in DEADLINES_S:
-                    own = [row for row in rows if row.deadline_s == deadline]
-                    worst, moved = max(row.over_ms for row in own), sum(row.moves for row in own)
-                    cells.append(f"{worst:8.2f} ({moved})")
-                print(f"{kind:28s} {place:6s} {robots:3d} " + " ".join(cells), flush=True)
+                show(f"{kind:26s} {place:6s} {robots:5d} ", list(lateness(kind, place, robots, clock)))
+            show(f"{kind:26s} {place:6s} joint ", list(together(kind, place, clock=clock)))
+
+
+def show(title: str, rows: list[Late]) -> None:
+    """A line: the worst overrun with each deadline, and how many of the plans have a trajectory."""
+    if not rows:
+        return
+    cells = []
+    for deadline in DEADLINES_S:
+        own = [row for row in rows if row.deadline_s == deadline]
+        worst, moved = max(row.over_ms for row in own), sum(row.moves for row in own)
+        cells.append(f"{worst:8.2f} ({moved})")
+    print(title + " ".join(cells), flush=True)
 
 
 if __name__ == "__main__":

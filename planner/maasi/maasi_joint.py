@@ -77,20 +77,24 @@ class MaasiJoint:
         deadline = self.deadline(soonest)
         deadline = deadline.less(self._finish.seconds * len(problems))
         began = deadline.left()
-        plans = self._in_turn(problems, deadline)
+        plans = self._in_turn(problems, deadline, 0.5)
         each = began - deadline.left()
-        if LATE in [plan.reason for plan in plans] or deadline.left() < 2.0 * each:
+        if LATE in [plan.reason for plan in plans]:
+            return self._in_turn(problems, deadline, 1.0)
+        if deadline.left() < 2.0 * each:
             return plans
         return self._jointly(problems, deadline) or plans
 
-    def _in_turn(self, problems: tuple[PlanProblem, ...], deadline: Deadline) -> tuple[Plan, ...]:
-        """Each robot by itself, given the plans of those before it, in half of the time that is left."""
+    def _in_turn(
+        self, problems: tuple[PlanProblem, ...], deadline: Deadline, part: float
+    ) -> tuple[Plan, ...]:
+        """Each robot by itself, given the plans of those before it, in a part of the time that is left."""
         plans: list[Plan] = []
         planning = {problem.robot for problem in problems}
         known: list[Commitment] = []
         for index, problem in enumerate(problems):
             others = _without(problem, planning)
-            share = 0.5 * deadline.left() / (len(problems) - index)
+            share = part * deadline.left() / (len(problems) - index)
             share = problem.deadline_s if math.isnan(problem.deadline_s) else share
             given = replace(problem, others=(*others, *known), deadline_s=share)
             plans.append(self.single.plan(given))
