@@ -15,6 +15,7 @@ GROUP = "searchparty.commands"
 # What --help says of our own; another package's command is listed with the package's name.
 SHORT_HELP = {
     "calibrate": "Estimate sensors from a recording with known truth.",
+    "campaign": "Let everything go wrong, and check what must hold.",
     "keys": "Make the certificates of a guarded team.",
     "observe": "Tell a running team what you see.",
     "request": "Ask a running team to look at a place.",
