@@ -17,6 +17,7 @@ SHORT_HELP = {
     "calibrate": "Estimate sensors from a recording with known truth.",
     "campaign": "Let everything go wrong, and check what must hold.",
     "keys": "Make the certificates of a guarded team.",
+    "ledger": "Show or export what a run's fusions stored.",
     "observe": "Tell a running team what you see.",
     "request": "Ask a running team to look at a place.",
     "request": "Ask a running team to look at a place.",

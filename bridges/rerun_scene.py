@@ -105,7 +105,7 @@ class Scene:
         )
 
     def draw_posterior(
-        self, posterior: m.PosteriorMessage | None, truth: m.TruthMessage | None, now: float
+        self, posterior: m.EstimateMessage | None, truth: m.TruthMessage | None, now: float
     ) -> None:
         """Clusters, found targets and, where it is known, the truth; their plot and their list."""
         log = self._stream.log
@@ -131,7 +131,7 @@ class Scene:
         text = summary_text(self.mission, posterior, total, now)
         log(paths.SUMMARY, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
 
-    def _draw_clusters(self, posterior: m.PosteriorMessage) -> None:
+    def _draw_clusters(self, posterior: m.EstimateMessage) -> None:
         log = self._stream.log
         if self.dimension == 2:
             curves = [

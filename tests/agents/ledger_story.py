@@ -22,6 +22,7 @@ from sim.engine import Engine
 from tests.agents.test_swarm import write_mission
 
 SEED = 3
+FINGERPRINT = "one"
 
 
 @cache
@@ -76,7 +77,7 @@ class Stage:
             self.team.search(),
             self.team.sensor_models,
             self.ledger,
-            "one",
+            FINGERPRINT,
         )
         self.boots += 1
         self.fusion = Fusion(setup, SEED)
