@@ -42,7 +42,7 @@ BATCH = 256  # events in one step: a long backlog is acknowledged piece by piece
 # in any order, and each would make the fusion apply the others again. So it lets some come together first.
 GATHER_S = 0.05
 CROWD_HZ = 20.0  # sets of a team in a wall second, from which on
-CROWD_GATHER_S = 0.04  # those of this time are stored and shown together: one commit, one posterior for all
+CROWD_GATHER_S = 0.06  # those of this time are stored and shown together: one commit, one posterior for all
 LINGER_S = 0.25  # robots that end with the fusion may have sent a set just before
 START_DELAY_S = 0.5  # from the start message to team time 0, so that all hear of it before
 
@@ -184,20 +184,23 @@ class FusionProcess:
         ]
         if any(first):
             self._publish_start()
+        stored: list[LedgerEntry] = []
         for action in self._fusion.step(now, events):
             if isinstance(action, Store):
                 self._ledger.store(action.entries, action.expired, action.revived)
+                stored += action.entries
             elif isinstance(action, Keep):
                 self._ledger.keep(action.checkpoint, action.kept)
             elif isinstance(action, Publish):
                 shell.publish(action.topic, action.message)
-        self._measure_latency(events)
+        self._measure_latency(stored)
 
-    def _measure_latency(self, events: Sequence[Event]) -> None:
+    def _measure_latency(self, entries: Sequence[LedgerEntry]) -> None:
+        """Of sets that the posterior holds since now; what was offered again is counted once."""
         now = self._shell.clock.now()
-        for event in events:
-            if isinstance(event, Heard) and isinstance(event.message, MeasurementSetMessage):
-                self._latency_ms.add((now - event.message.time) / self._speed * 1e3)
+        for entry in entries:
+            if isinstance(entry, MeasurementSetMessage):
+                self._latency_ms.add((now - entry.time) / self._speed * 1e3)
 
     def _publish_start(self) -> None:
         shell, clock = self._shell, self._shell.clock

@@ -53,6 +53,8 @@ from agents.topics import (
 from planner.avoidance.halt import Evader
 from planner.plan import Plan, PlanProblem, TeamPlanner
 
+FEW = 16  # robots; in a larger team a plan waits for the next step, which the robot's own poses cause
+
 
 def run(mission: Mission, robot_id: str, *, outbox: Path, connect: Sequence[str] = ()) -> int:
     """Run one robot until it is told to end; the exit status. `outbox` keeps the sets that no fusion has.
@@ -78,7 +80,7 @@ async def _main(mission: Mission, robot_id: str, path: Path, connect: Sequence[s
     async with Shell(mission, "robot", robot_id, connect) as shell:
         for topic in (POSE, SET, PICTURE, POSTERIOR, STATE, SOFT_OBSERVATION):
             shell.transport.subscribe(topic, urgent=False)
-        shell.transport.subscribe(PLAN)
+        shell.transport.subscribe(PLAN, urgent=len(mission.robots) <= FEW)
         for topic in (POSE, SET, PLAN, HEALTH, EVENT, BELIEF):
             shell.transport.prepare(topic)
         try:
@@ -126,7 +128,7 @@ class RobotProcess:
         if vehicle.follows_plans:  # who does not plan need not know what the others do
             for topic in (POSE, SET, PICTURE):
                 shell.transport.subscribe(topic, urgent=False)
-            shell.transport.subscribe(PLAN)
+            shell.transport.subscribe(PLAN, urgent=len(team.mission.robots) <= FEW)
         desk = team.desk(robot_id) if vehicle.follows_plans else None
         if desk is not None:
             shell.transport.subscribe(BID)

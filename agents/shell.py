@@ -63,6 +63,7 @@ class Shell:
         self.vitals = Vitals(mission, time.monotonic())
         self.mailbox.on_refusal = lambda topic, sender: self.vitals.refused(topic, sender, time.monotonic())
         self._joined = 0.0
+        self._process = psutil.Process()
         transport = load("transports", mission.link.kind)
         endpoints = tuple(connect) or tuple(mission.link.endpoints) or None
         self.transport: Transport = transport(link_of(mission), mission.team, endpoints=endpoints)
@@ -157,11 +158,11 @@ class Shell:
         asking = self.sync is not None
         self.sync = ClockSync(self.name, self.boot, self.mission.clock, message.speed)
         if not asking:
-            self.every(min(FIRST_ASK_S, self.mission.clock.ask_every_s), self._ask_time)
+            self.every(self.mission.clock.ask_every_s, self._ask_time)
 
     def _ask_time(self) -> None:
         sync, raw = self.sync, self.clock.raw()
-        if sync is not None and (sync.state is ClockState.UNKNOWN or sync.due(raw)):
+        if sync is not None and (sync.due(raw) or sync.state is ClockState.UNKNOWN):
             header = self.stamp.header(CLOCK, self.clock.now())
             self.publish(CLOCK, ClockMessage(**header, shown=self.clock.raw()))
 
@@ -232,12 +233,16 @@ class Shell:
         sync = self.sync
         assert sync is not None
         deadline = time.monotonic() + FIRST_ANSWER_S
+        asked = time.monotonic()
         kept: list[Event] = []
         while sync.state is ClockState.UNKNOWN and not self.stopping and time.monotonic() < deadline:
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(self.wake.wait(), FIRST_ASK_S)
             self.wake.clear()
             kept += self.events()
+            if time.monotonic() - asked > FIRST_ASK_S:
+                asked = time.monotonic()
+                self._ask_time()
         self._told = kept + self._told
         if not sync.trusted:
             raise JoinError(sync.sentence(self.name))
@@ -250,7 +255,7 @@ class Shell:
     def gauges(self) -> dict[str, float]:
         """What the operating system says of this process."""
         clock = {} if self.sync is None else self.sync.gauges(self.clock.raw())
-        process = psutil.Process()
+        process = self._process
         waiting = self.transport.waiting()
         peers = {peer.id: peer.role for peer in self._peers}
         return {

@@ -105,9 +105,14 @@ class Vitals:
         heard = {topic for topic, _ in self._streams}
         made = {f"late_ms.{topic}": 1e3 * late for topic, late in self._latest.items()}
         self._latest.clear()
-        for row in self.streams(wall, speed, {p: r for p, r in peers.items() if r in ("robot", "fusion")}):
-            if row.topic in heard and row.alive and not (row.rate_ok and row.valid):
-                made[f"silent.{row.topic}"] = made.get(f"silent.{row.topic}", 0.0) + 1.0
+        for peer, role in peers.items():
+            if role not in ("robot", "fusion"):
+                continue
+            for topic in PERIODIC:
+                if topic in heard and topic in ROLES[role].says:
+                    row = self._row(topic, peer, wall, speed, True)
+                    if not (row.rate_ok and row.valid):
+                        made[f"silent.{topic}"] = made.get(f"silent.{topic}", 0.0) + 1.0
         return made
 
     def _stream(self, topic: str, sender: str) -> _Heard:

@@ -12,6 +12,7 @@ from bridges.keyring import ACCESS, Credentials
 Mode = Literal["client", "peer", "router"]
 
 NO_ROUTER = "the mission names no router: set link.endpoints to where it listens, as tcp/HOST:PORT"
+WAIT_US = 10_000  # that a put may wait for a free batch; Zenoh's own is a tenth of that
 RETRY = {"period_init_ms": 200, "period_max_ms": 1000, "period_increase_factor": 1.5}
 
 
@@ -47,6 +48,8 @@ def configuration(
         "transport/link/tx/lease": lease_ms,
         # An endpoint that accepts the connection but does not speak Zenoh must not hold us for 10 s.
         "transport/unicast/open_timeout": 2000,
+        # A process that waits for a core has no free batch for a while; only after that a message is dropped.
+        "transport/link/tx/queue/congestion_control/drop/wait_before_drop": WAIT_US,
         # What may not be dropped (declarations, replies) waits this long for a receiver that does not
         # read, in a router at the cost of everybody else; Zenoh's 5 s would freeze a whole team.
         "transport/link/tx/queue/congestion_control/block/wait_before_close": lease_ms * 1000 // 2,
