@@ -53,6 +53,7 @@ def rehearse_robot(team: Team, robot: str) -> None:
         others=tuple(others[:1]),
         area=team.area,
         separation=mission.settings.separation_m,
+        deadline_s=3600.0,  # as in flight there is one, and steps are measured
         context={"rehearsal": True},  # planners with a memory must not remember it
     )
     team.planner.plan(problem)  # loads kernels; the next one shows planners how long their steps take

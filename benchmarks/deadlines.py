@@ -128,7 +128,7 @@ def lateness(
     for one in (planner, getattr(planner, "single", planner)):
         one.deadline = lambda seconds: Deadline(seconds, clock)
     for _ in range(2):  # as before a robot starts: the first plan loads kernels, the second is measured
-        planner.plan(replace(problems[0], start_time=1.9))
+        planner.plan(replace(problems[0], start_time=1.9, deadline_s=3600.0))
     for k, deadline in enumerate(DEADLINES_S):
         for i, problem in enumerate(problems):
             given = replace(problem, deadline_s=deadline, start_time=2.0 + 0.01 * (k * STARTS + i))
@@ -153,7 +153,7 @@ def together(
         replace(problems[i], robot=f"r{i}", others=(), intensity=problems[0].intensity) for i in range(robots)
     )
     for _ in range(2):
-        planner.plan_jointly(team)
+        planner.plan_jointly(tuple(replace(problem, deadline_s=3600.0) for problem in team))
     for deadline in DEADLINES_S:
         for k in range(STARTS):
             given = tuple(replace(p, deadline_s=deadline, start_time=2.0 + 0.01 * k) for p in team)
