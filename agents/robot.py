@@ -55,6 +55,7 @@ from planner.vehicles.route import routed
 
 LATE_FACTOR = 1.5  # a trajectory that takes this much longer than planned is given up
 NEAR_M = 1.0  # corners of the rest of a way are passed within this
+STAGGER_S = 4.0  # within this all of a large team have planned first, one after the other
 RETRY_S = 1.0  # after a plan that holds, the next is asked for this much later
 REPLAN_S = 1.0  # when the allocation changes again, no earlier than this after the last plan was asked for
 
@@ -90,7 +91,7 @@ class Robot:
         self._next: Trajectory | None = None  # committed, begins at its start_time
         self._held: FloatArray | None = None  # what is steered for where no trajectory is left
         self.lead = Lead(setup.plan_lead_s)
-        self._plan_at: float = now + rank * min(setup.stagger_s, 2.0 / len(self._order))
+        self._plan_at: float = now + rank * min(setup.stagger_s, STAGGER_S / len(self._order))
         self._late_at = np.inf  # when the trajectory is given up if the robot was turned aside on it
         self._plan_number = 0
         self._awaited: int | None = None  # the request whose answer is awaited

@@ -71,6 +71,42 @@ def test_swarm_16(benchmark: Any, quick: bool, tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.figures("swarm_50", "swarm_50_lost", "swarm_50_robot_cpu")
+def test_swarm_50(benchmark: Any, quick: bool, tmp_path: Path) -> None:
+    """Fifty robots on one machine in real time: poses at 5 Hz, sets at 1 Hz, all through one router."""
+    duration_s = 20.0 if quick else 60.0
+    run = _run(benchmark, 50, duration_s, tmp_path)
+    summary = run.summary
+    messages, posterior = summary["messages"], summary["capture_to_posterior_ms"]
+    assert summary["measurement_sets"] >= 50 * 0.8 * duration_s, "robots did not measure"
+    lateness = summary["measure_clock_lateness_ms"]
+    seen = {
+        "p50 ms": posterior["p50"],
+        "sets": summary["measurement_sets"],
+        "lateness p99 ms": lateness["p99"],
+        "cores busy": run.cpu_s / run.wall_s,
+        "wall s with start and end": run.wall_s,
+    }
+    lost = {"not in the ledger": run.lost, "not applied": messages["sets_not_applied"]}
+    benchmark.extra_info["figures"] = [
+        _ms("swarm_50", posterior["p99"], 150.0, "capture to posterior, p99", more=seen),
+        {
+            "name": "swarm_50_lost",
+            "value": run.lost + messages["sets_not_applied"] + messages["lost"],
+            "unit": "messages",
+            "asked": 0,
+            "note": "sets lost on the way or not applied, and others that were numbered and never came",
+            "more": {**lost, "received": messages["received"]},
+        },
+        {
+            "name": "swarm_50_robot_cpu",
+            "value": 1e3 * run.cpu_s / run.wall_s / 50,
+            "unit": "ms",
+            "note": "processor time per second and robot, everything counted: start, router, fusion, viewer",
+        },
+    ]
+
+
 def test_second_start(benchmark: Any, quick: bool, tmp_path: Path) -> None:
     """From the command to the first robot that takes part, with compiled kernels on the disk."""
     times: list[float] = []
