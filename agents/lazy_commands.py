@@ -15,11 +15,10 @@ GROUP = "searchparty.commands"
 # What --help says of our own; another package's command is listed with the package's name.
 SHORT_HELP = {
     "calibrate": "Estimate sensors from a recording with known truth.",
-    "campaign": "Let everything go wrong, and check what must hold.",
     "keys": "Make the certificates of a guarded team.",
     "ledger": "Show or export what a run's fusions stored.",
+    "campaign": "Let everything go wrong, and check what must hold.",
     "observe": "Tell a running team what you see.",
-    "request": "Ask a running team to look at a place.",
     "request": "Ask a running team to look at a place.",
     "router": "Run the router that a team in the field meets at.",
     "simulate": "Run a mission in virtual time for many seeds.",

@@ -123,7 +123,7 @@ def _mcap(ledger: Ledger, file: BinaryIO) -> int:
         data = json.dumps(_plain(row, entry)).encode()
         writer.add_message(channels[topic], log_time=at, publish_time=at, sequence=row.sequence, data=data)
         count += 1
-    writer.finish()
+    writer.finish()  # type: ignore[no-untyped-call]
     return count
 
 

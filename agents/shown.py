@@ -7,7 +7,7 @@ class Shown:
     """Takes in every estimate that is published; `estimate` is the one to show."""
 
     def __init__(self, silence_s: float) -> None:
-        """A robot's belief counts when no posterior came for this long, seconds of the clock that is given."""
+        """A robot's belief counts when no posterior came for this long, in seconds of the clock given."""
         self.estimate: EstimateMessage | None = None
         self._silence_s = silence_s
         self._heard_at = float("-inf")
