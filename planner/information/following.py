@@ -54,12 +54,13 @@ class Following:
         """
         if not pointless and (not chosen.order or max(chosen.values) - chosen.without <= LEAST):
             return self._in_time(problem, deadline, lambda: returning(problem, self.setup, POINTLESS))
-        courses = Courses.of(heeded(problem.others, problem.robot))
+        courses: Courses | None = None
         blocked = too_dear = False
         for index, value in list(zip(chosen.order, chosen.values, strict=True))[:TRIES]:
             if not self.reserve.fits(deadline):
                 return Plan(None, LATE)
             with self.reserve.measured(deadline):
+                courses = courses or Courses.of(heeded(problem.others, problem.robot))
                 way = self.way(problem, chosen.actions, index, deadline.over)
                 if way is None:
                     continue

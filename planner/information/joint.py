@@ -17,7 +17,7 @@ from typing import ClassVar
 import numpy as np
 
 from estimator.arrays import FloatArray, IntArray
-from planner.deadline import Deadline, Reserve
+from planner.deadline import Deadline
 from planner.information.actions import ActionSet
 from planner.information.config import JointConfig
 from planner.information.events import Events, committed
@@ -30,7 +30,7 @@ from planner.maasi.maasi import unplannable
 from planner.plan import Commitment, Plan, PlannerSetup, PlanProblem, Trajectory
 
 AT_ONCE = (0, 1)
-TURN_S = 1e-3  # that a robot's turn may take, before it was measured
+WAYS = 2  # for which time is kept for each robot: the first may not be free
 EVALUATION = 0.6  # of the time there is may go into the robots' actions; the rest is for choosing
 
 
@@ -63,7 +63,6 @@ class MutualInformationJoint(MutualInformation):
 
     def __init__(self, config: JointConfig, setup: PlannerSetup) -> None:
         super().__init__(config, setup)
-        self._turn = Reserve(TURN_S)
 
     def plan_jointly(self, problems: tuple[PlanProblem, ...]) -> tuple[Plan, ...]:
         """One plan per problem; commitments of robots that plan now are not conditioned on.
@@ -80,7 +79,7 @@ class MutualInformationJoint(MutualInformation):
         ways = self.following.reserve
         if not ways.fits(deadline.less((len(some) - 1) * ways.seconds)):
             return tuple(replace(plan, reason=plan.reason or LATE) for plan in plans.values())
-        choosing = deadline.less(len(some) * ways.seconds)
+        choosing = deadline.less(WAYS * len(some) * ways.seconds)
         team: list[Member] = []
         points, weights = np.zeros((0, 0)), np.zeros(0)
         for done, number in enumerate(some):
@@ -175,7 +174,7 @@ class MutualInformationJoint(MutualInformation):
         at_once = config.mode in AT_ONCE and few
         turns = None
         if not at_once or math.isfinite(deadline.seconds):
-            turns = in_turn(options, events, places, rules, config.cycles, deadline, self._turn)
+            turns = in_turn(options, events, places, rules, config.cycles, deadline.over)
             if not at_once or deadline.over():
                 return turns
         near = events
@@ -207,11 +206,10 @@ class MutualInformationJoint(MutualInformation):
         known = joint.views[r]
         if known is not None and same_others(known.others, joint.choice, r):
             return known
-        if deadline.over() or not self._turn.fits(deadline):
+        if deadline.over():
             return known
         options = [member.options for member in team]
-        with self._turn.measured(deadline):
-            return rules.view(options, joint.choice, r, events, team[r].place, deadline.over)
+        return rules.view(options, joint.choice, r, events, team[r].place, deadline.over)
 
     def _followed(
         self,

@@ -27,7 +27,7 @@ from planner.plan import Intensity, Plan, PlannerSetup, PlanProblem
 
 MODES_BY_SCALE = (1, 3, 5)  # one length scale for all robots
 RANDOM = (4, 5)
-TIMELY = 14  # robot-steps whose outcomes take a millisecond
+TIMELY = 12  # robot-steps whose outcomes, of one action, take less than a millisecond
 LATE = "holds: its deadline passed before it had any action"
 
 

@@ -10,7 +10,6 @@ from itertools import product
 import numpy as np
 
 from estimator.arrays import FloatArray
-from planner.deadline import Deadline, Reserve
 from planner.information.events import Events, nearest
 from planner.information.gains import Fixed, Options, information
 from planner.information.mutual import Information, mutual_information
@@ -18,7 +17,7 @@ from planner.plan import Over
 
 SAME = 1e-12  # nats: a change for less is none
 NOTHING = Information(0.0, 0.0, True)
-AT_ONCE = 1 << 14  # outcomes, of all actions, that are worked out between questions for the time
+AT_ONCE = 1 << 12  # outcomes, of all actions, that are worked out between questions for the time
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,8 +120,7 @@ def in_turn(
     places: list[FloatArray],
     rules: Rules,
     cycles: int,
-    deadline: Deadline,
-    reserve: Reserve,
+    over: Over,
 ) -> Joint:
     """Coordinate descent to consensus, from nobody having an action; stops early when time runs out.
 
@@ -134,8 +132,7 @@ def in_turn(
         places: (d,) of each robot; of too many events the nearest count.
         rules: of information.
         cycles: through the team, at most.
-        deadline: of the choice.
-        reserve: what a robot's turn takes.
+        over: whether time has run out.
     """
     choice: list[int] = [-1] * len(team)
     views: list[View | None] = [None] * len(team)
@@ -146,11 +143,10 @@ def in_turn(
             known = views[r]
             if late or (known is not None and same_others(known.others, choice, r)):
                 continue  # nothing new to choose by
-            if not reserve.fits(deadline):
+            if over():
                 late = True
                 continue
-            with reserve.measured(deadline):
-                views[r] = view = rules.view(team, choice, r, events, places[r], deadline.over)
+            views[r] = view = rules.view(team, choice, r, events, places[r], over)
             best = int(np.argmax(view.values))
             if choice[r] < 0 or view.values[best] > view.values[choice[r]] + SAME:
                 changed |= choice[r] != best

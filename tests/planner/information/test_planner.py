@@ -4,7 +4,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from planner.deadline import Deadline, Reserve
 from planner.information.events import Events
 from planner.information.gains import Fixed, information, options
 from planner.information.joint import MutualInformationJoint
@@ -61,7 +60,7 @@ def test_enumeration_finds_the_best_joint_action(seed: int) -> None:
 def test_in_turn_nobody_gains_by_another_action_and_three_cycles_are_enough(seed: int) -> None:
     """Three cycles at most until consensus is what the paper saw; one more is to see that nobody changes."""
     team, events, rules = case(seed)
-    found = in_turn(team, events, [np.zeros(2)] * 3, rules, 10, Deadline(np.inf), Reserve(0.0))
+    found = in_turn(team, events, [np.zeros(2)] * 3, rules, 10, never)
     assert found.cycles <= 4
     best = enumerated(team, events, rules, never)
     assert best is not None
