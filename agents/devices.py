@@ -50,6 +50,7 @@ class VehicleState:
     state: FloatArray  # (n,) as its model wants it for prediction
     travelled: float  # metres since the start
     arrived: bool  # at the waypoint last given, or none was given
+    energy: float | None = None  # joules since the start; None: it does not say
 
 
 class Vehicle(ABC):

@@ -126,6 +126,7 @@ class BudgetTable(Strict, frozen=True, kw_only=True):
     """What a robot may spend in a mission."""
 
     distance_m: Positive | None = None  # metres travelled
+    energy_wh: Positive | None = None  # of its battery, by the vehicle's `power`
     time_s: Positive | None = None  # team time from the mission's start
     return_home: bool = True  # it must be back where it started by then
 

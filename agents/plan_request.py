@@ -18,7 +18,9 @@ from estimator.filter import Area
 from estimator.sensor import SensorModel
 from planner.allocation.desk import Desk
 from planner.plan import UNLIMITED, Budget, Commitment, Ground, PlanProblem, Trajectory, VehicleModel
+from planner.vehicles.power import WH, Power, Powered
 
+NO_POWER = Power(rest_w=0.0, metre_j=0.0, climb_j_m=0.0)
 RESERVE = 0.05  # share of a budget that no plan may touch
 
 
@@ -114,7 +116,9 @@ def _budget(setup: RobotSetup, start: float, body: VehicleState, trajectory: Tra
     table = setup.mission.robot(setup.robot).budget
     if table is None:
         return UNLIMITED
-    spent = body.travelled
+    # What there is of energy bounds time and distance too, for planners that look no further.
+    power = setup.vehicle.power if isinstance(setup.vehicle, Powered) else NO_POWER
+    seconds, climbed, spent = max(start - body.time, 0.0), 0.0, body.travelled
     if trajectory is not None and start > body.time:
         times = np.append(
             body.time, trajectory.times[(trajectory.times > body.time) & (trajectory.times < start)]
@@ -122,10 +126,18 @@ def _budget(setup: RobotSetup, start: float, body: VehicleState, trajectory: Tra
         times = np.append(times, min(start, max(trajectory.end_time, body.time)))
         way = [np.interp(times, trajectory.times, trajectory.poses[:, axis]) for axis in range(3)]
         spent += float(np.linalg.norm(np.diff(way, axis=1), axis=0).sum())
+        climbed = float(np.maximum(np.diff(way[2]), 0.0).sum())
     distance = np.inf if table.distance_m is None else table.distance_m * (1 - RESERVE) - spent
     time = np.inf if table.time_s is None else table.time_s * (1 - RESERVE) - start
     home = start_pose(setup.mission.robot(setup.robot))[:3] if table.return_home else None
-    return Budget(max(distance, 0.0), max(time, 0.0), home)
+    energy = np.inf
+    if table.energy_wh is not None:
+        used = power.joules(body.time, body.travelled, 0.0) if body.energy is None else body.energy
+        used += power.joules(seconds, spent - body.travelled, climbed)
+        energy = max(table.energy_wh * WH * (1 - RESERVE) - used, 0.0)
+        time = min(time, energy / power.rest_w if power.rest_w > 0 else np.inf)
+        distance = min(distance, energy / power.metre_j if power.metre_j > 0 else np.inf)
+    return Budget(max(distance, 0.0), max(time, 0.0), home, energy)
 
 
 def _standing(pose: PoseMessage, now: float, periods: Mapping[str, float]) -> Commitment:

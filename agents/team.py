@@ -23,6 +23,7 @@ from estimator.sensor import SensorModel
 from estimator.sensors.teammates import Teammates
 from planner.allocation.desk import Desk, TaskPlanner
 from planner.plan import Ground, Planner, PlannerSetup, VehicleModel
+from planner.vehicles.power import Powered
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +60,8 @@ class Team:
             with _naming(f"robots[{i}].vehicle"):
                 kind, config = _plugin("vehicles", robot.vehicle, mission)
                 vehicle_models[robot.id] = kind.model(config, area)
+                if robot.budget is not None and robot.budget.energy_wh is not None:
+                    _say_power(f"robots[{i}].budget.energy_wh", robot, vehicle_models[robot.id])
                 vehicles[robot.id] = partial(kind.device, config)
             with _naming(f"robots[{i}].sensor"):
                 kind, config = _plugin("sensors", robot.sensor, mission)
@@ -174,3 +177,13 @@ def _naming(key: str) -> Iterator[None]:
         yield
     except (ValueError, msgspec.ValidationError) as error:
         raise MissionError(f"{key}: {error}") from error
+
+
+def _say_power(key: str, robot: RobotTable, model: VehicleModel) -> None:
+    """A battery is no limit for a vehicle that does not say what it takes out of it."""
+    if not isinstance(model, Powered):
+        kind = robot.vehicle["kind"]
+        raise MissionError(
+            f"{key}: vehicles of kind {kind!r} do not say what they consume; leave the key out, or limit "
+            "distance_m or time_s"
+        )

@@ -5,13 +5,15 @@ between a trajectory's samples.
 """
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
 from estimator.arrays import FloatArray
 from planner.ground.routes import followed, lifted, trajectory_to
-from planner.plan import Over, Plan, PlannerSetup, PlanProblem, Trajectory, never
+from planner.plan import Budget, Over, Plan, PlannerSetup, PlanProblem, Trajectory, VehicleModel, never
 from planner.separation import keeps_apart
+from planner.vehicles.power import Powered
 from planner.vehicles.route import routed
 
 NEAR_M = 1.0  # corners of a way around obstacles are passed within this
@@ -21,7 +23,8 @@ TRIES = 12
 
 def limited(problem: PlanProblem) -> bool:
     """Whether anything of the budget can run out."""
-    return problem.budget.distance != math.inf or problem.budget.time != math.inf
+    budget = problem.budget
+    return not budget.distance == budget.time == budget.energy == math.inf
 
 
 def metres(way: Trajectory) -> float:
@@ -68,27 +71,49 @@ def way_along(
     return followed(ground, vehicle, problem.state, route, start, period, over)
 
 
-def homeward(
-    problem: PlanProblem, setup: PlannerSetup, state: FloatArray, time: float
-) -> tuple[float, float]:
-    """Metres and seconds from a state to the budget's home; 0 without one, infinite where there is no way."""
-    home = problem.budget.home
-    if home is None or setup.vehicles[problem.robot].reached(state, home):
-        return 0.0, 0.0
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """What a way takes out of a budget."""
+
+    metres: float = 0.0
+    seconds: float = 0.0
+    joules: float = 0.0  # 0 of a vehicle model that does not know what it consumes
+
+    def __add__(self, other: "Cost") -> "Cost":
+        return Cost(self.metres + other.metres, self.seconds + other.seconds, self.joules + other.joules)
+
+    def within(self, budget: Budget) -> bool:
+        """Whether the budget has as much of all three."""
+        enough = self.metres <= budget.distance and self.seconds <= budget.time
+        return enough and self.joules <= budget.energy
+
+
+NO_WAY = Cost(math.inf, math.inf, math.inf)
+
+
+def cost(vehicle: VehicleModel, way: Trajectory) -> Cost:
+    """What a trajectory takes."""
+    joules = vehicle.power.along(way.times, way.poses) if isinstance(vehicle, Powered) else 0.0
+    return Cost(metres(way), way.end_time - way.start_time, joules)
+
+
+def homeward(problem: PlanProblem, setup: PlannerSetup, state: FloatArray, time: float) -> Cost:
+    """Of the way from a state to the budget's home: nothing without one, NO_WAY where there is no way."""
+    home, vehicle = problem.budget.home, setup.vehicles[problem.robot]
+    if home is None or vehicle.reached(state, home):
+        return Cost()
     back = way_to(problem, setup, state, time, home)
-    return (math.inf, math.inf) if back is None else (metres(back), back.end_time - back.start_time)
+    return NO_WAY if back is None else cost(vehicle, back)
 
 
 def affordable(problem: PlanProblem, setup: PlannerSetup, way: Trajectory) -> bool:
     """Whether a trajectory and the way home from its end are within the budget."""
     if not limited(problem):
         return True
-    budget = problem.budget
-    length, seconds = metres(way), way.end_time - way.start_time
-    if not (length <= budget.distance and seconds <= budget.time):
+    out = cost(setup.vehicles[problem.robot], way)
+    if not out.within(problem.budget):
         return False
-    back_metres, back_seconds = homeward(problem, setup, way.end_state, way.end_time)
-    return length + back_metres <= budget.distance and seconds + back_seconds <= budget.time
+    return (out + homeward(problem, setup, way.end_state, way.end_time)).within(problem.budget)
 
 
 def truncated(problem: PlanProblem, setup: PlannerSetup, way: Trajectory) -> Trajectory | None:

@@ -124,6 +124,7 @@ class Budget:
     distance: float = np.inf  # metres
     time: float = np.inf  # seconds
     home: FloatArray | None = None  # (3,) to which the robot must be able to return
+    energy: float = np.inf  # joules, of a vehicle model that knows what it consumes
 
 
 UNLIMITED = Budget()

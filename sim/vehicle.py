@@ -7,6 +7,7 @@ import numpy as np
 from agents.devices import Vehicle, VehicleState
 from estimator.arrays import FloatArray
 from planner.plan import Trajectory, VehicleModel
+from planner.vehicles.power import Powered
 
 
 class SimulatedVehicle(Vehicle):
@@ -19,6 +20,7 @@ class SimulatedVehicle(Vehicle):
     def __init__(self, model: VehicleModel, start: FloatArray, now: float) -> None:
         self._model = model
         self._period = model.control_period
+        self._power = model.power if isinstance(model, Powered) else None
         self._origin = now
         self._steps = 0  # control steps done since `now`
         self._state = model.initial_state(start)
@@ -28,6 +30,7 @@ class SimulatedVehicle(Vehicle):
         self._detour: FloatArray | None = None
         self._upcoming: list[tuple[int, FloatArray]] = []  # from which step on to steer for which waypoint
         self._travelled = 0.0
+        self._climbed = 0.0
         self._last: list[float] = start[:3].tolist()
 
     def __repr__(self) -> str:
@@ -61,6 +64,7 @@ class SimulatedVehicle(Vehicle):
         pose = self._model.pose(self._state)
         here = pose[:3].tolist()
         self._travelled += math.dist(here, self._last)
+        self._climbed += max(here[2] - self._last[2], 0.0)
         self._last = here
         return VehicleState(
             time=self._origin + self._steps * self._period,
@@ -69,7 +73,13 @@ class SimulatedVehicle(Vehicle):
             state=self._state,
             travelled=self._travelled,
             arrived=self._model.reached(self._state, self._waypoint),
+            energy=self._spent(),
         )
+
+    def _spent(self) -> float | None:
+        if self._power is None:
+            return None
+        return self._power.joules(self._steps * self._period, self._travelled, self._climbed)
 
     def _step_of(self, now: float) -> int:
         return max(self._steps, int((now - self._origin) / self._period + 1e-6))

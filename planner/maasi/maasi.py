@@ -128,7 +128,7 @@ def unplannable(problem: PlanProblem, setup: PlannerSetup) -> str:
     if math.isnan(problem.deadline_s):
         return "holds: its deadline is not a number"
     budget = problem.budget
-    if math.isnan(budget.distance) or math.isnan(budget.time):
+    if math.isnan(budget.distance) or math.isnan(budget.time) or math.isnan(budget.energy):
         return "holds: its budget is not a number"
     if budget.home is not None and not (budget.home.shape == (3,) and np.isfinite(budget.home).all()):
         return "holds: the home of its budget is not a place"

@@ -18,6 +18,7 @@ from estimator.kernels import exact_kernel
 from planner.avoidance.halt import Evasion
 from planner.plan import Predictions, Trajectory
 from planner.vehicles.dubins import arc, to_point
+from planner.vehicles.power import Power
 from planner.vehicles.prediction import PATIENCE, grown, measure_steps, measure_times, sampled
 
 STATES = 9  # x, y, z, yaw, climb rate; sense and metres left of the way's two parts
@@ -32,6 +33,7 @@ class FixedWingConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     climb_m_s: Positive = 3.0
     sink_m_s: Positive = 3.0
     tolerance_m: Positive = 5.0  # nearer than this counts as there
+    power: Power = Power(rest_w=10.0, metre_j=3.7, climb_j_m=29.0)
 
 
 class FixedWing:
@@ -60,6 +62,10 @@ class FixedWing:
 
     def __repr__(self) -> str:
         return f"FixedWing({self.config!r})"
+
+    @property
+    def power(self) -> Power:
+        return self.config.power
 
     @property
     def control_period(self) -> float:

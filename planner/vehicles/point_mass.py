@@ -15,6 +15,7 @@ from estimator.kernels import exact_kernel
 from planner.avoidance.halt import Evasion, stopping
 from planner.plan import Predictions, Trajectory
 from planner.vehicles.approach import stoppable
+from planner.vehicles.power import Power
 from planner.vehicles.prediction import grown, measure_steps, measure_times, sampled, step_bounds
 
 APPROACH = 2.0  # k, 1/s
@@ -26,6 +27,7 @@ class PointMassConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     speed_m_s: Positive = 5.0
     acceleration_m_s2: Positive = 2.0
     tolerance_m: Positive = 0.5  # nearer than this counts as there
+    power: Power = Power(rest_w=150.0, metre_j=0.0, climb_j_m=9.8)
 
 
 class PointMass:
@@ -41,6 +43,10 @@ class PointMass:
 
     def __repr__(self) -> str:
         return f"PointMass({self.config!r})"
+
+    @property
+    def power(self) -> Power:
+        return self.config.power
 
     @property
     def control_period(self) -> float:

@@ -33,6 +33,7 @@ import numpy as np
 from estimator.arrays import FloatArray, Positive
 from planner.avoidance.halt import Evasion, stopping
 from planner.plan import Predictions, Trajectory
+from planner.vehicles.power import Power
 from planner.vehicles.prediction import measure_steps, measure_times, sampled, step_bounds
 from planner.vehicles.quadrotor_flight import APPROACH, LANES, ROWS, STATES, TOLERANCE, WAYPOINT, fly, predict
 from planner.vehicles.quadrotor_lqr import lqr
@@ -46,6 +47,7 @@ class QuadrotorConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
     tolerance_m: Positive = 0.5  # epsilon: nearer than this counts as there
     mass_kg: Positive = 0.063
     inertias_kg_m2: tuple[Positive, Positive, Positive] = (0.5829e-4, 0.7169e-4, 1.0e-4)
+    power: Power = Power(rest_w=18.0, metre_j=0.0, climb_j_m=0.62)
 
 
 class Quadrotor:
@@ -70,6 +72,10 @@ class Quadrotor:
 
     def __repr__(self) -> str:
         return f"Quadrotor({self.config!r})"
+
+    @property
+    def power(self) -> Power:
+        return self.config.power
 
     @property
     def control_period(self) -> float:

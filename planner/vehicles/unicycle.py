@@ -29,6 +29,7 @@ from estimator.kernels import exact_kernel
 from planner.avoidance.halt import Evasion, stopping
 from planner.plan import Predictions, Trajectory
 from planner.vehicles.approach import stoppable
+from planner.vehicles.power import Power
 from planner.vehicles.prediction import grown, measure_steps, measure_times, sampled, step_bounds
 
 SPOT_RAD, ABEAM_RAD = 0.3, 1.75
@@ -45,6 +46,7 @@ class UnicycleConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     tolerance_m: Positive = 0.1  # epsilon: nearer than this counts as there
     distance_gain: Positive = 1.0  # k_ρ, 1/s
     heading_gain: Positive = 3.0  # k_α, 1/s
+    power: Power = Power(rest_w=6.0, metre_j=10.0, climb_j_m=0.0)
 
 
 class Unicycle:
@@ -73,6 +75,10 @@ class Unicycle:
 
     def __repr__(self) -> str:
         return f"Unicycle({self.config!r})"
+
+    @property
+    def power(self) -> Power:
+        return self.config.power
 
     @property
     def control_period(self) -> float:

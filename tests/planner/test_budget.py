@@ -23,13 +23,32 @@ def long_way(setup, problem):
 
 
 @pytest.mark.parametrize("name", ["drones_2d", "ground_2d"])
+def test_energy_is_that_of_the_way_and_of_the_way_home(name: str) -> None:
+    home = np.array([12.0, 40.0, 0.0])
+    setup, problem = given(Budget(energy=1e9, home=home), name)
+    way, power = long_way(setup, problem), setup.vehicles["a"].config.power
+    back = homeward(problem, setup, way.end_state, way.end_time)
+    whole = power.rest_w * (way.end_time - way.start_time + back.seconds)
+    whole += power.metre_j * (metres(way) + back.metres)  # on level ground
+    for budget, fits in ((whole + 1e-3, True), (whole - 1e-3, False)):
+        limited = dataclasses.replace(problem, budget=Budget(energy=budget, home=home))
+        assert affordable(limited, setup, way) == fits
+    for share in (0.3, 0.7):
+        limited = dataclasses.replace(problem, budget=Budget(energy=share * whole, home=home))
+        part = truncated(limited, setup, way)
+        assert part is not None
+        assert affordable(limited, setup, part)
+
+
+@pytest.mark.parametrize("name", ["drones_2d", "ground_2d"])
 def test_a_way_costs_its_length_and_time_and_those_of_the_way_home(name: str) -> None:
     home = np.array([12.0, 40.0, 0.0])
     setup, problem = given(Budget(distance=1e4, home=home), name)
     way = long_way(setup, problem)
     # Straight legs of 38 + 32 + 40 m; corners are cut by at most the metre within which they are passed.
     assert metres(way) == pytest.approx(110.0, abs=3.0)
-    length, seconds = homeward(problem, setup, way.end_state, way.end_time)
+    back = homeward(problem, setup, way.end_state, way.end_time)
+    length, seconds = back.metres, back.seconds
     assert length == pytest.approx(math.hypot(2.0, 10.0), rel=0.15)
     assert seconds > length / 5.0
     whole = metres(way) + length
@@ -52,8 +71,8 @@ def test_a_way_is_cut_where_its_budget_ends(budget: float, home, name: str) -> N
     assert part is not None
     assert affordable(problem, setup, part)
     contract.check(contract.Plan(part, "cut"), problem, setup)
-    back, _ = homeward(problem, setup, part.end_state, part.end_time)
-    whole, _ = homeward(problem, setup, way.end_state, way.end_time)
+    back = homeward(problem, setup, part.end_state, part.end_time).metres
+    whole = homeward(problem, setup, way.end_state, way.end_time).metres
     assert metres(part) + back > 0.6 * min(budget, metres(way) + whole)  # not much is given away
     near = np.linalg.norm(way.poses[:, None, :2] - part.poses[None, :, :2], axis=2).min(axis=0)
     assert near.max() < 2.0  # it is a part of the same way
