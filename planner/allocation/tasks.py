@@ -60,6 +60,7 @@ class TaskRules:
     unexplored: float = 0.02  # share of the area below which nothing is left to explore
     least_exploration: float = 0.05  # of a grid point below which it counts as explored
     overlooked: float = 0.2  # expected targets below which none is looked for where all is explored
+    leftover: float = 1e-4  # share of the area below which nothing is looked at again
     spacing: float = 10.0  # clusters nearer than this are one task, m
 
     @property
@@ -107,8 +108,7 @@ def _regions(
 ) -> list[Task]:
     """What is left to explore, in shares whose number shrinks with it, but more slowly.
 
-    When there is next to nothing left, and targets are still expected that nobody has seen, it is the places
-    where these may be.
+    When there is next to nothing left it is the places where something was overlooked, if anything was.
     """
     points = exploration.nodes()
     weights = exploration.values.ravel()
@@ -117,9 +117,10 @@ def _regions(
     total = float(weights[regions.order].sum())
     if total < rules.unexplored:
         weights = _overlooked(rules, exploration, intensity)
-        total = float(weights[regions.order].sum())
-        if total <= 0.0:
+        left = float(weights[regions.order].sum())
+        if left < rules.leftover:
             return []
+        weights, total = weights * (rules.unexplored / left), rules.unexplored
     count = rules.regions * max(float(np.sqrt(total)), FEWEST)
     return [
         replace(_task("explore", points[:, rows], weights[rows]), name=f"explore-{number}")
@@ -128,19 +129,20 @@ def _regions(
 
 
 def _overlooked(rules: TaskRules, exploration: Exploration, intensity: Intensity) -> FloatArray:
-    """Where the intensity is (g,), as if that were the last of the area to explore; 0 if there is none."""
+    """Where targets are still expected that nobody has seen (g,); if none are, where looks were fewest."""
     shape = exploration.values.shape
     expected = np.where(np.isfinite(intensity.weights), intensity.weights, 0.0)
     whole = np.isfinite(intensity.points).all(axis=0) & (expected > 0)
-    made = np.zeros(exploration.values.size)
     if float(expected[whole].sum()) < rules.overlooked:
-        return made
+        few = exploration.values.ravel()
+        return np.where(np.isfinite(few), few, 0.0) / max(few.size, 1)
+    made = np.zeros(exploration.values.size)
     spans = np.maximum(exploration.high - exploration.low, 1e-12)[:, None]
     steps = (np.array(shape) - 1)[:, None]
     places = (intensity.points[:, whole] - exploration.low[:, None]) / spans * steps
     cells = np.clip(np.rint(places).astype(np.int64), 0, steps)
     np.add.at(made, np.ravel_multi_index(tuple(cells), shape), expected[whole])
-    return np.asarray(made * (rules.unexplored / made.sum()), dtype=np.float64)
+    return made
 
 
 def _clusters(rules: TaskRules, intensity: Intensity) -> list[Task]:

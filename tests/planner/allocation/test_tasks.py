@@ -208,7 +208,7 @@ def test_a_target_that_turns_up_where_another_was_named_gets_a_name_of_its_own()
 
 
 def test_what_is_explored_is_no_task_and_what_is_not_finite_is_left_out():
-    explored = dataclasses.replace(unexplored(), values=np.full((21, 21), 0.01))
+    explored = dataclasses.replace(unexplored(), values=np.full((21, 21), 5e-5))
     assert tasks(explored, Intensity.empty(2)) == ()
     bad = clusters([(20, 20), (np.nan, 3), (50, 50)], [1.0, 1.0, np.inf])
     bad = dataclasses.replace(bad, points=np.full((2, 1), np.nan), weights=np.ones(1))
@@ -227,7 +227,7 @@ def test_what_is_explored_is_no_task_and_what_is_not_finite_is_left_out():
 
 def test_targets_that_nobody_has_seen_are_looked_for_where_all_is_explored():
     """One target is still expected, nine times as likely in the upper right as in the lower left."""
-    explored = dataclasses.replace(unexplored(), values=np.full((21, 21), 0.001))
+    explored = dataclasses.replace(unexplored(), values=np.full((21, 21), 5e-5))
     points = np.array([[92.0, 8.0], [91.0, 7.0]])
     intensity = dataclasses.replace(Intensity.empty(2), points=points, weights=np.array([0.9, 0.1]))
     made = tasks(explored, intensity)
@@ -236,7 +236,11 @@ def test_targets_that_nobody_has_seen_are_looked_for_where_all_is_explored():
     most = max(made, key=lambda task: task.mass)
     assert most.place == pytest.approx([90.0, 90.0], abs=2.5)
     assert most.mass / RULES.unexplored == pytest.approx(0.9)
-    assert tasks(explored, dataclasses.replace(intensity, weights=0.1 * intensity.weights)) == ()
+    again = dataclasses.replace(
+        explored, values=np.where(np.arange(21) == 3, 0.01, 0.0)[:, None] * np.ones(21)
+    )
+    made = tasks(again, dataclasses.replace(intensity, weights=0.1 * intensity.weights))
+    assert {x for task in made for x in task.points[0]} == {15.0}  # none: where looks were fewest
 
 
 def test_without_a_spacing_every_cluster_is_a_task():
