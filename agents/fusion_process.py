@@ -118,12 +118,14 @@ class FusionProcess:
         shell.every(HEALTH_PERIOD_S, self._publish_start)
         shell.every(HEALTH_PERIOD_S, self._publish_health)
         while not shell.stopping:
+            began = time.monotonic()
             events, self._early = self._early + shell.events(), []
             events.sort(key=_capture_time)
             for first in range(0, max(1, len(events)), BATCH):
                 self._step(events[first : first + BATCH])
-            if self._gather_s > 0.0:
-                await asyncio.sleep(self._gather_s)
+            rest = self._gather_s - (time.monotonic() - began)
+            if rest > 0.0:
+                await asyncio.sleep(rest)
             await shell.sleep_until(self._fusion.next_wake())
         until = time.monotonic() + LINGER_S
         while time.monotonic() < until:

@@ -53,7 +53,9 @@ from agents.topics import (
 from planner.avoidance.halt import Evader
 from planner.plan import Plan, PlanProblem, TeamPlanner
 
-FEW = 16  # robots; in a larger team a plan waits for the next step, which the robot's own poses cause
+# Robots; in a larger team a plan waits for the next step, which the robot's own poses cause, and others' sets
+# are listened to only once no fusion is there: the robots' caches then give what they took in the last minute.
+FEW = 16
 
 
 def run(mission: Mission, robot_id: str, *, outbox: Path, connect: Sequence[str] = ()) -> int:
@@ -78,8 +80,10 @@ async def _main(mission: Mission, robot_id: str, path: Path, connect: Sequence[s
     gc.collect()
     gc.freeze()  # what lives now lives to the end: no collection needs to look at it
     async with Shell(mission, "robot", robot_id, connect) as shell:
-        for topic in (POSE, SET, PICTURE, POSTERIOR, STATE, SOFT_OBSERVATION):
+        for topic in (POSE, PICTURE, POSTERIOR, STATE):
             shell.transport.subscribe(topic, urgent=False)
+        if len(mission.robots) <= FEW:
+            _listen_to_sets(shell)
         shell.transport.subscribe(PLAN, urgent=len(mission.robots) <= FEW)
         for topic in (POSE, SET, PLAN, HEALTH, EVENT, BELIEF):
             shell.transport.prepare(topic)
@@ -110,6 +114,11 @@ def _outbox(shell: Shell, seed: int, path: Path) -> Outbox:
     return outbox
 
 
+def _listen_to_sets(shell: Shell) -> None:
+    for topic in (SET, SOFT_OBSERVATION):
+        shell.transport.subscribe(topic, urgent=False)
+
+
 class RobotProcess:
     """The loop around one RobotBody."""
 
@@ -126,7 +135,7 @@ class RobotProcess:
         vehicle = team.vehicle(robot_id, seed, world, now=now, speed=shell.clock.speed)
         sensor = team.sensor(robot_id, seed, world, now=now, speed=shell.clock.speed)
         if vehicle.follows_plans:  # who does not plan need not know what the others do
-            for topic in (POSE, SET, PICTURE):
+            for topic in (POSE, PICTURE):
                 shell.transport.subscribe(topic, urgent=False)
             shell.transport.subscribe(PLAN, urgent=len(team.mission.robots) <= FEW)
         desk = team.desk(robot_id) if vehicle.follows_plans else None
@@ -173,6 +182,8 @@ class RobotProcess:
         while not shell.stopping:
             events = shell.events()
             self._look_around(events)
+            if "fusion" not in shell.roles_alive:
+                _listen_to_sets(shell)
             self._body.step(events)
             await shell.sleep_until(self._body.next_wake())
         self._publish_health()

@@ -84,6 +84,11 @@ class Shell:
         self.transport.close()
 
     @property
+    def roles_alive(self) -> set[str]:
+        """The roles of the other processes whose token stands."""
+        return {peer.role for peer in self._peers}
+
+    @property
     def stopping(self) -> bool:
         """Whether this process was told to end."""
         return self._stopping
