@@ -1,6 +1,8 @@
 """What the controller foresees: the robot, the differentiable sensing domain, the target's covariance.
 
 Liu & Hedrick (2017), (1), (5), (7) and the objective J, in plain numbers; `nlp` says the same to the solver.
+In (1) a step is driven at its mean speed and heading, not at those of its beginning: with steps of a second a
+robot that stands would else be foreseen to stand for the whole first step, which is all that is driven.
 A plan is rolled out here, so that whatever a solver answers, what is driven obeys the robot's motion.
 """
 
@@ -32,6 +34,24 @@ class Domain:
     alpha_2: float
     edge: float  # cosine of half the opening; -inf: all around
 
+    @property
+    def reach(self) -> float:
+        """Metres, of the sector that gamma stands for: where its range factor is one half."""
+        return 1.0 / math.sqrt(self.alpha_1)
+
+    @property
+    def middle(self) -> tuple[float, float]:
+        """How far ahead (m) the place deepest inside the sector is, and how far (m) it is from its border.
+
+        That is the centre of the largest circle in a sector of radius r and half opening h: it touches the
+        arc and, below a right angle, both sides: d sin h = r - d; beyond, the robot itself is its border.
+        """
+        if self.edge == -math.inf:
+            return 0.0, self.reach
+        narrow = math.sqrt(1.0 - self.edge**2) if self.edge > 0.0 else 1.0
+        ahead = self.reach / (1.0 + narrow)
+        return ahead, self.reach - ahead
+
     def gamma(self, gap2: float, cosine: float, angular: bool = True) -> float:
         """Of a squared distance in m^2 and the cosine between heading and bearing."""
         near = self.gain / (1.0 + self.alpha_1 * gap2)
@@ -62,6 +82,14 @@ class Task:
     step: float  # s
     certainty: float  # w_1
     distance: float  # w_2
+    standoff: float = 0.0  # m ahead of the sensor, whence the distance is taken; 0: J of the paper
+    fastest: float = math.inf  # m/s for now, below the robot's own limit
+
+    def ceilings(self, limits: Limits) -> FloatArray:
+        """(N,) m/s after each step: the limit, or what can be braked to by then."""
+        ahead = self.step * np.arange(1, len(self.targets) + 1)
+        least = max(min(self.fastest, limits.fastest), limits.slowest)
+        return np.asarray(np.maximum(least, float(self.state[3]) + limits.braking * ahead))
 
 
 def rolled_out(task: Task, controls: FloatArray, domain: Domain, limits: Limits, angular: bool) -> Foreseen:
@@ -72,20 +100,22 @@ def rolled_out(task: Task, controls: FloatArray, domain: Domain, limits: Limits,
     a, b, c = (float(value) for value in task.covariance)
     r, q, t = task.noise, task.process, task.step
     states[0] = x, y, yaw, v
-    total = 0.0
+    total, ceilings = 0.0, task.ceilings(limits)
     for k in range(n):
         turn = min(max(float(controls[k, 0]), -limits.turn_rate), limits.turn_rate)
         push = min(max(float(controls[k, 1]), limits.braking), limits.accelerating)
-        faster = min(max(v + push * t, min(limits.slowest, v)), max(limits.fastest, v))
+        faster = min(max(v + push * t, min(limits.slowest, v)), float(ceilings[k]))
         push = (faster - v) / t
-        x, y, yaw, v = x + t * v * math.cos(yaw), y + t * v * math.sin(yaw), yaw + t * turn, faster
+        along, middle = 0.5 * t * (v + faster), yaw + 0.5 * t * turn
+        x, y, yaw, v = x + along * math.cos(middle), y + along * math.sin(middle), yaw + t * turn, faster
         dx, dy = float(task.targets[k, 0]) - x, float(task.targets[k, 1]) - y
         gap2 = dx * dx + dy * dy
         cosine = math.cos(yaw - math.atan2(dy, dx)) if gap2 > 0 else 1.0
         gamma = domain.gamma(gap2, cosine, angular)
         a, b, c = a + q[0], b + q[1], c + q[2]
         a, b, c = corrected(a, b, c, r, gamma)
-        total += task.certainty * (a + c) + task.distance * gap2
+        off = gap2 - 2.0 * task.standoff * cosine * math.sqrt(gap2) + task.standoff**2
+        total += task.certainty * (a + c) + task.distance * off
         states[k + 1], spreads[k], used[k] = (x, y, yaw, v), (a, b, c), (turn, push)
     return Foreseen(used, states, spreads, float(total))
 
@@ -102,19 +132,23 @@ def corrected(a: float, b: float, c: float, r: FloatArray, gamma: float) -> tupl
 
 
 def straight(task: Task, limits: Limits) -> FloatArray:
-    """Controls (N, 2) that turn to the target and drive up to it: the first guess, and the fallback."""
+    """Controls (N, 2) that turn to the target and drive up to the standoff: first guess, and fallback."""
     x, y, yaw, v = (float(value) for value in task.state)
     t = task.step
-    controls = np.zeros((len(task.targets), 2))
+    controls, ceilings = np.zeros((len(task.targets), 2)), task.ceilings(limits)
     for k, (tx, ty) in enumerate(task.targets):
-        x, y = x + t * v * math.cos(yaw), y + t * v * math.sin(yaw)
         off = math.atan2(ty - y, tx - x) - yaw
         off = math.atan2(math.sin(off), math.cos(off))
         turn = min(max(off / t, -limits.turn_rate), limits.turn_rate)
-        yaw += turn * t
-        gap = math.hypot(tx - x, ty - y)
-        aim = min(limits.fastest, 0.5 * gap / t) * max(math.cos(off - turn * t), 0.0)
+        gap, towards = math.hypot(tx - x, ty - y), max(math.cos(off - turn * t), 0.0)
+        aim = towards * min(float(ceilings[k]), max(0.5 * (gap - task.standoff) / t, 0.0))
         push = min(max((max(aim, limits.slowest) - v) / t, limits.braking), limits.accelerating)
-        v += push * t
+        along, middle = t * (v + 0.5 * push * t), yaw + 0.5 * turn * t
+        x, y, yaw, v = (
+            x + along * math.cos(middle),
+            y + along * math.sin(middle),
+            yaw + turn * t,
+            v + push * t,
+        )
         controls[k] = turn, push
     return controls

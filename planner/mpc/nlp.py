@@ -65,16 +65,17 @@ class Program:
         self.steps, self.domain, self.limits, self.angular = steps, domain, limits, angular
         self._over: Callable[[], bool] = lambda: False
         z = ca.SX.sym("z", STAGE, steps)
-        given = ca.SX.sym("given", 16 + 3 * steps)
+        given = ca.SX.sym("given", 17 + 3 * steps)
         start, covariance, noise, process = given[0:4], given[4:7], given[7:10], given[10:13]
-        t, certainty, distance = given[13], given[14], given[15]
-        targets = ca.reshape(given[16 : 16 + 2 * steps], 2, steps)
-        headings = given[16 + 2 * steps :]
+        t, certainty, distance, standoff = given[13], given[14], given[15], given[16]
+        targets = ca.reshape(given[17 : 17 + 2 * steps], 2, steps)
+        headings = given[17 + 2 * steps :]
         objective, equations = 0, []
         x, p = start, covariance
         for k in range(steps):
             u, after, spread = z[0:2, k], z[2:6, k], z[6:9, k]
-            moved = [x[0] + t * x[3] * ca.cos(x[2]), x[1] + t * x[3] * ca.sin(x[2])]
+            along, middle = t * (x[3] + 0.5 * t * u[1]), x[2] + 0.5 * t * u[0]
+            moved = [x[0] + along * ca.cos(middle), x[1] + along * ca.sin(middle)]
             moved += [x[2] + t * u[0], x[3] + t * u[1]]
             gap2 = ca.sumsqr(targets[:, k] - after[0:2])
             gap = targets[:, k] - after[0:2]
@@ -84,7 +85,9 @@ class Program:
             q = p + process
             equations += [after - ca.vertcat(*moved)]
             equations += [spread - ca.vertcat(*corrected(q[0], q[1], q[2], noise, seen))]
-            objective += certainty * (spread[0] + spread[2]) + distance * gap2
+            middle = after[0:2] + standoff * ca.vertcat(ca.cos(after[2]), ca.sin(after[2]))
+            away = ca.sumsqr(targets[:, k] - middle)
+            objective += certainty * (spread[0] + spread[2]) + distance * away
             x, p = after, spread
         problem = {"x": ca.vec(z), "p": given, "f": objective, "g": ca.vertcat(*equations)}
         self._stop = _stopper(ca, self, STAGE * steps, 7 * steps)
@@ -107,10 +110,10 @@ class Program:
         low, high = np.full((n, STAGE), -np.inf), np.full((n, STAGE), np.inf)
         low[:, 0], high[:, 0] = -limits.turn_rate, limits.turn_rate
         low[:, 1], high[:, 1] = limits.braking, limits.accelerating
-        low[:, 5], high[:, 5] = min(limits.slowest, v), max(limits.fastest, v)
+        low[:, 5], high[:, 5] = min(limits.slowest, v), task.ceilings(limits)
         low[:, 6] = low[:, 8] = 0.0
         first = np.hstack([guess.controls, guess.states[1:], guess.covariances])
-        weights = np.array([task.step, task.certainty, task.distance])
+        weights = np.array([task.step, task.certainty, task.distance, task.standoff])
         numbers = [task.state, task.covariance, task.noise, task.process, weights]
         given = np.concatenate([*numbers, task.targets.ravel(), guess.states[1:, 2]])
         self._over = over
