@@ -55,7 +55,7 @@ from planner.vehicles.route import routed
 
 LATE_FACTOR = 1.5  # a trajectory that takes this much longer than planned is given up
 NEAR_M = 1.0  # corners of the rest of a way are passed within this
-STAGGER_S = 4.0  # within this all of a large team have planned first, one after the other
+STAGGER_S = 10.0  # within this all of a large team have planned first, one after the other
 RETRY_S = 1.0  # after a plan that holds, the next is asked for this much later
 REPLAN_S = 1.0  # when the allocation changes again, no earlier than this after the last plan was asked for
 

@@ -54,7 +54,7 @@ from planner.avoidance.halt import Evader
 from planner.plan import Plan, PlanProblem, TeamPlanner
 
 # Robots; in a larger team a plan waits for the next step, which the robot's own poses cause, and others' sets
-# are listened to only once no fusion is there: the robots' caches then give what they took in the last minute.
+# are listened to only once no fusion is there: the robots' caches then give what the last minute brought.
 FEW = 16
 
 
