@@ -42,7 +42,9 @@ class SimulatedNetwork:
     ) -> None:
         self.conditions = conditions
         self.now = now
-        self.links = Links(rng, post, self._look_again)
+        # What one link needs more draws for must not change the luck of messages on others.
+        meeting, self._asking = rng.spawn(2)
+        self.links = Links(meeting, post, self._look_again)
         self._near = near
         self._rng = rng
         self._post = post
@@ -220,9 +222,9 @@ class SimulatedNetwork:
             return
         inlet.asking = True
         c = self.conditions
-        delay = 2.0 * c.delay_s + (float(self._rng.exponential(2.0 * c.jitter_s)) if c.jitter_s else 0.0)
+        delay = 2.0 * c.delay_s + (float(self._asking.exponential(2.0 * c.jitter_s)) if c.jitter_s else 0.0)
         for _ in range(8):
-            if c.loss and self._rng.random() < c.loss:
+            if c.loss and self._asking.random() < c.loss:
                 delay += RETRY_S
         self._post(delay, lambda: self._answer(receiver, outlet, inlet))
 
