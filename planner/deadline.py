@@ -61,14 +61,21 @@ class Reserve:
 
     Args:
         seconds: that it may take, before it was ever measured.
+        yields: whether the step itself looks at the clock, so that it is worth beginning with less.
+        spread: how many times its usual time the step may take.
     """
 
     MARGIN = 1.2  # of what was measured
-    SOON, SLOWLY = 0.7, 0.97  # what is left of the reserve after each time that it was not needed
+    YIELDS = 0.25  # of the whole time at most is kept for a step that yields
+    SOON, SLOWLY = (
+        0.7,
+        0.97,
+    )  # what is left of the reserve after a quicker time, and after it forbade the step
     RISING = 0.1  # how fast the usual time follows slower ones
 
-    def __init__(self, seconds: float) -> None:
+    def __init__(self, seconds: float, *, yields: bool = False, spread: float = 3.0) -> None:
         self.seconds = seconds
+        self._yields, self._spread = yields, spread
         self._usual = math.inf
 
     def __repr__(self) -> str:
@@ -76,13 +83,14 @@ class Reserve:
 
     def fits(self, deadline: Deadline) -> bool:
         """Whether there is time for the step."""
-        if deadline.left() > self.seconds:
+        if deadline.left() > self.kept(deadline):
             return True
-        if self.seconds > self._usual:
-            self.seconds = max(self.SOON * self.seconds, self._usual)
-        else:
-            self.seconds *= self.SLOWLY
+        self.seconds = min(self.SLOWLY * self.seconds, self._spread * self._usual)
         return False
+
+    def kept(self, deadline: Deadline) -> float:
+        """Seconds of a deadline that are to be kept for the step."""
+        return min(self.seconds, self.YIELDS * deadline.seconds) if self._yields else self.seconds
 
     @contextmanager
     def measured(self, deadline: Deadline) -> Iterator[None]:

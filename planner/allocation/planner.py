@@ -77,7 +77,8 @@ class Cbba:
         self._way = MaasiConfig(alpha=config.alpha, beta=config.beta, control_cost=config.control_cost)
         self._desks: dict[str, Desk] = {}
         self._last: dict[str, Assignment] = {}  # of robots that are given none
-        self._pace, self._cutting, self._sharing = Pace(), Reserve(CUT_S), Reserve(SHARE_S)
+        self._pace, self._cutting = Pace(), Reserve(CUT_S)
+        self._sharing = Reserve(SHARE_S, spread=np.inf)  # asked twice for the same, it is quick
 
     def __repr__(self) -> str:
         return f"Cbba({self.config!r})"

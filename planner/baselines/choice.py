@@ -29,8 +29,8 @@ class Pace:
     """What the steps of a planner that chooses among options take, as measured."""
 
     def __init__(self) -> None:
-        self.valued = Reserve(ONE_S)  # one option
-        self.tried = Reserve(RESERVE_S)  # its way and what is asked of that
+        self.valued = Reserve(ONE_S, yields=True)  # one option
+        self.tried = Reserve(RESERVE_S, yields=True)  # its way and what is asked of that
 
 
 def taken(
@@ -135,11 +135,11 @@ def best_first(
     """The waypoints that there was time to value, and what to say if there are none; see `best_of`."""
     values = np.full(len(waypoints), -np.inf)
     reason = nothing
-    choosing = deadline.less(pace.tried.seconds)
+    choosing = deadline.less(pace.tried.kept(deadline))
     for batch in batches(len(waypoints), choosing, pace.valued):
         found = value(waypoints[batch], choosing.over)
         values[batch] = np.where(np.isfinite(found), found, -np.inf)
-    if choosing.left() <= pace.valued.seconds and not np.isfinite(values).any():
+    if choosing.left() <= pace.valued.kept(choosing) and not np.isfinite(values).any():
         reason = _plainly(LATE)
     order = np.argsort(-values, kind="stable")[: int(np.isfinite(values).sum())]
     options = [

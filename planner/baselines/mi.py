@@ -22,8 +22,9 @@ import numpy as np
 
 from estimator.arrays import FloatArray
 from planner.baselines.choice import Option, Pace, taken
+from planner.deadline import Reserve
 from planner.maasi.candidates import CandidateGrid
-from planner.maasi.maasi import DEFAULT_POINTS, Maasi, MaasiConfig, unplannable
+from planner.maasi.maasi import DEFAULT_POINTS, ONE_S, Maasi, MaasiConfig, unplannable
 from planner.maasi.outlook import Outlook, totals
 from planner.plan import Plan, PlannerSetup, PlanProblem
 
@@ -46,6 +47,7 @@ class Mi(Maasi):
         grid = config.candidates or CandidateGrid.over(setup.area, points)
         super().__init__(MaasiConfig(alpha=1.0, beta=0.0, control_cost=0.0, candidates=grid), setup)
         self._pace = Pace()
+        self._one = Reserve(ONE_S)  # the sums over many terms do not look at the clock
 
     def __repr__(self) -> str:
         return f"Mi({self.candidates!r})"

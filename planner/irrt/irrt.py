@@ -74,7 +74,7 @@ class Irrt:
         self.config = config
         self.setup = setup
         self._memories: dict[str, _Memory] = {}
-        self._finish, self._seeing = Reserve(WAY_S), Reserve(TARGETS_S)
+        self._finish, self._seeing = Reserve(WAY_S, yields=True), Reserve(TARGETS_S)
         self._rooting, self._step = Reserve(ROOT_S), Reserve(STEP_S)
 
     def __repr__(self) -> str:
@@ -99,7 +99,7 @@ class Irrt:
             return self._otherwise(problem, "all is explored and no target is left to learn of")
         if problem.area.dimension != sensor.dimension:
             return Plan(None, f"holds: its sensor is of {sensor.dimension}D targets")
-        growing = deadline.less(self._finish.seconds)
+        growing = deadline.less(self._finish.kept(deadline))
         if not self._rooting.fits(growing):
             return Plan(None, LATE)
         with self._rooting.measured(deadline):

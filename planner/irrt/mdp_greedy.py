@@ -60,7 +60,7 @@ class MdpGreedy:
         self._centres = np.stack(np.meshgrid(*axes, indexing="ij")).reshape(area.dimension, -1)
         self._moves = neighbours(self._shape, self._centres, setup.ground)
         self._lengths = np.linalg.norm(self._centres[:, self._moves] - self._centres[:, :, None], axis=0)
-        self._summing, self._trying = Reserve(MASS_S), Reserve(TRY_S)
+        self._summing, self._trying = Reserve(MASS_S), Reserve(TRY_S, yields=True)
 
     def __repr__(self) -> str:
         return f"MdpGreedy({self.config!r})"
@@ -71,7 +71,7 @@ class MdpGreedy:
         if awkward:
             return Plan(None, awkward)
         deadline = self.deadline(problem.deadline_s)
-        if not self._summing.fits(deadline.less(self._trying.seconds)):
+        if not self._summing.fits(deadline.less(self._trying.kept(deadline))):
             return Plan(None, LATE)
         with self._summing.measured(deadline):
             mass = self._mass(problem)

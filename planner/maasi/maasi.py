@@ -54,7 +54,8 @@ class Maasi:
         self.candidates = config.candidates or CandidateGrid.over(
             setup.area, DEFAULT_POINTS[setup.area.dimension]
         )
-        self._choice, self._one = Reserve(RESERVE_S), Reserve(ONE_S)
+        self._choice = Reserve(RESERVE_S, yields=True)
+        self._one = Reserve(ONE_S, yields=True)
 
     def __repr__(self) -> str:
         return f"Maasi({self.config!r})"
@@ -68,7 +69,7 @@ class Maasi:
         if awkward:
             return Plan(None, awkward)
         deadline = self.deadline(problem.deadline_s)
-        choosing, searching = deadline.less(self._choice.seconds), deadline.less(CHECKS_S)
+        choosing, searching = deadline.less(self._choice.kept(deadline)), deadline.less(CHECKS_S)
         vehicle = self.setup.vehicles[problem.robot]
         waypoints = self.candidates.waypoints(float(vehicle.pose(problem.state)[2]))
         objective = np.full(len(waypoints), -np.inf)

@@ -65,7 +65,8 @@ class GreedyPaths:
         self.config = config
         self.setup = setup
         self._sceneries: dict[str, Scenery] = {}
-        self._finish, self._setting, self._greedy = Reserve(WAY_S), Reserve(BOARD_S), Reserve(GREEDY_S)
+        self._finish = Reserve(WAY_S, yields=True)
+        self._setting, self._greedy = Reserve(BOARD_S), Reserve(GREEDY_S)
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.config!r})"
@@ -84,7 +85,7 @@ class GreedyPaths:
             return Plan(None, "holds: the area is smaller than a step")
         steps = self._steps(problem, scenery)
         until = problem.start_time + steps * scenery.step_s
-        choosing = deadline.less(self._finish.seconds)
+        choosing = deadline.less(self._finish.kept(deadline))
         if not scenery.known(choosing.over) or not self._setting.fits(choosing):
             return Plan(None, LATE)
         others = Others(problem.others, problem)

@@ -73,15 +73,26 @@ def test_a_slow_first_time_is_forgotten_soon_but_not_what_a_step_always_takes() 
     for took in (300.0, 2.0):
         with reserve.measured(Deadline(math.inf, clock)):
             clock.now += took
-    refused = 0
-    while not reserve.fits(Deadline(3.0, clock)):
-        refused += 1
-    assert 0 < refused < 20
+    assert not reserve.fits(Deadline(8.0, clock))
+    assert reserve.fits(Deadline(8.0, clock))
     for _ in range(20):  # it takes 2 s: with half of that it is refused for long
         assert not reserve.fits(Deadline(1.0, clock))
+    refused = 0
     while not reserve.fits(Deadline(1.0, clock)):  # but not for ever
         refused += 1
     assert refused < 100
+
+
+def test_a_step_that_looks_at_the_clock_is_begun_with_a_quarter_of_the_whole_time() -> None:
+    clock = Clock()
+    reserve = Reserve(5.0, yields=True)
+    deadline = Deadline(4.0, clock)
+    assert reserve.kept(deadline) == 1.0
+    assert reserve.kept(Deadline(math.inf, clock)) == 5.0
+    clock.now += 2.9
+    assert reserve.fits(deadline)
+    clock.now += 0.2
+    assert not reserve.fits(deadline)
 
 
 def test_a_step_that_fails_is_measured_too() -> None:
