@@ -5,8 +5,11 @@ from pathlib import Path
 
 import pytest
 
+from agents.codec import encode
 from agents.errors import StorageError
+from agents.history import Checkpoint, identity, key
 from agents.ledger import Ledger
+from agents.messages import Watermark
 from tests.agents.test_watermark import measurement_set
 
 
@@ -73,3 +76,110 @@ def test_two_readers_and_a_writer_do_not_wait_for_each_other(tmp_path: Path) -> 
         ledger.store([measurement_set(1)])
         assert reader.execute("SELECT count(*) FROM sets").fetchone() == (2,)
         reader.close()
+
+
+def test_two_fusions_on_one_ledger_are_one_clear_error(tmp_path: Path) -> None:
+    with Ledger(tmp_path / "ledger.sqlite"), pytest.raises(StorageError, match="another fusion has it open"):
+        Ledger(tmp_path / "ledger.sqlite")
+    with Ledger(tmp_path / "ledger.sqlite"):
+        pass  # and the lock falls with the one that had it
+
+
+def test_a_ledger_held_by_another_program_is_one_clear_error(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("agents.ledger_file.BUSY_S", 0.05)
+    with Ledger(tmp_path / "ledger.sqlite") as ledger:
+        other = sqlite3.connect(tmp_path / "ledger.sqlite", isolation_level=None)
+        other.execute("BEGIN IMMEDIATE")
+        with pytest.raises(StorageError, match="another program holds it: close that"):
+            ledger.store([measurement_set(0)])
+        other.execute("ROLLBACK")
+        other.close()
+        ledger.store([measurement_set(0)])
+        assert len(ledger) == 1
+
+
+@pytest.mark.parametrize(
+    "content", [b"this is no database, whatever its name says" * 200, b"SQLite format 3\0" * 99]
+)
+def test_a_damaged_ledger_is_one_clear_error(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "ledger.sqlite").write_bytes(content)
+    with pytest.raises(StorageError, match="damaged, or no ledger"):
+        Ledger(tmp_path / "ledger.sqlite")
+
+
+@pytest.mark.parametrize(("synchronous", "level"), [("normal", 1), ("full", 2)])
+def test_the_choice_of_durability_reaches_the_database(tmp_path: Path, synchronous: str, level: int) -> None:
+    with Ledger(tmp_path / "ledger.sqlite", synchronous=synchronous) as ledger:  # type: ignore[arg-type]
+        assert ledger._db.execute("PRAGMA synchronous").fetchone() == (level,)
+        assert ledger._db.execute("PRAGMA journal_mode").fetchone() == ("wal",)
+
+
+def test_a_ledger_of_the_first_version_is_read_and_goes_on(tmp_path: Path) -> None:
+    path = tmp_path / "ledger.sqlite"
+    old = sqlite3.connect(path)
+    old.executescript(
+        "CREATE TABLE sets (arrival INTEGER PRIMARY KEY, robot TEXT NOT NULL, boot TEXT NOT NULL, "
+        "sequence INTEGER NOT NULL, capture_time REAL NOT NULL, message BLOB NOT NULL, "
+        "UNIQUE (robot, boot, sequence)); CREATE TABLE facts (name TEXT PRIMARY KEY, value TEXT NOT NULL);"
+    )
+    one = measurement_set(3)
+    old.execute(
+        "INSERT INTO sets VALUES (1, ?, ?, ?, ?, ?)", (one.sender, one.boot, 3, one.time, encode(one))
+    )
+    old.commit()
+    old.close()
+    with Ledger(path, read_only=True) as ledger:
+        assert [row.sequence for row in ledger.rows()] == [3]
+        assert [entry.sequence for entry in ledger.replay()] == [3]
+    with Ledger(path) as ledger:
+        ledger.store([measurement_set(4)])
+        assert [entry.sequence for entry in ledger.between(None, None, 10)] == [3, 4]
+
+
+def test_entries_are_read_in_the_order_of_their_keys_between_two_of_them() -> None:
+    entries = [measurement_set(n, robot=r) for n in range(6) for r in ("r2", "r1")]
+    with Ledger() as ledger:
+        ledger.store(entries[::-1], {identity(entries[4]): "late"})
+        whole = ledger.between(None, None, 100)
+        places = [key(entry) for entry in whole]
+        assert places == sorted(places)
+        assert len(places) == len(entries) - 1  # what expired does not apply
+        assert [key(e) for e in ledger.between(places[2], places[7], 3)] == places[3:6]
+        assert [key(e) for e in ledger.between(places[2], places[4], 100)] == places[3:5]
+        assert [e.sequence for e in ledger.of("r1/b1", 2, 4, 2)] == [2, 3]
+
+
+def test_contents_are_told_without_reading_entries() -> None:
+    with Ledger() as ledger:
+        ledger.store([measurement_set(n) for n in (0, 1, 4, 5)], {("r1", "b1", 5): "late"})
+        contents = ledger.contents()
+    assert contents.watermarks == {"r1/b1": Watermark(upto=1, beyond=[(4, 5)])}
+    assert contents.expired == {"r1/b1": Watermark(upto=-1, beyond=[(5, 5)])}
+    assert (contents.sets, contents.statements, contents.newest) == (3, 0, 4.0)
+
+
+def test_a_checkpoint_falls_in_the_transaction_in_which_an_entry_comes_before_it(tmp_path: Path) -> None:
+    checkpoints = [Checkpoint((float(t), "r1", "b1", t), t, b"state") for t in (10, 20, 30)]
+    path = tmp_path / "ledger.sqlite"
+    with Ledger(path) as ledger:
+        for checkpoint in checkpoints:
+            ledger.keep(checkpoint, [c.key for c in checkpoints])
+        ledger.store([measurement_set(40)])
+        assert ledger.checkpoints() == checkpoints
+        ledger.store([measurement_set(25)])
+        assert ledger.checkpoints() == checkpoints[:2]
+        ledger.store([measurement_set(5)], {("r1", "b1", 5): "late"})  # changes nothing
+    with Ledger(path) as ledger:
+        assert ledger.checkpoints() == checkpoints[:2]
+        ledger.store([], revived=[("r1", "b1", 5)])
+        assert ledger.checkpoints() == []
+
+
+def test_only_the_checkpoints_that_are_wanted_stay() -> None:
+    checkpoints = [Checkpoint((float(t), "r1", "b1", t), t, b"state") for t in range(5)]
+    with Ledger() as ledger:
+        for checkpoint in checkpoints:
+            ledger.keep(checkpoint, [checkpoints[0].key, checkpoint.key])
+        assert [c.entries for c in ledger.checkpoints()] == [0, 4]
