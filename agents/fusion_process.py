@@ -2,6 +2,7 @@
 
 import asyncio
 import gc
+import platform
 import time
 from collections.abc import Sequence
 from functools import partial
@@ -9,6 +10,7 @@ from pathlib import Path
 
 from agents.clock import TeamClock
 from agents.clock_sync import ClockAnswers
+from agents.errors import MissionError
 from agents.fusion import Fusion, FusionSetup
 from agents.health import health_message
 from agents.histogram import Histogram
@@ -60,6 +62,11 @@ def run(
     Raises:
         SearchpartyError: with what to do about it.
     """
+    if name not in mission.fusions():
+        raise MissionError(
+            f"the mission has no fusion {name!r}; its fusions are {', '.join(mission.fusions())} "
+            "(fusion.replicas says how many)"
+        )
     return run_until_done(partial(_main, mission, ledger, connect, speed, name))
 
 
@@ -70,10 +77,11 @@ async def _main(mission: Mission, path: Path, connect: Sequence[str], speed: flo
     gc.freeze()  # what lives now lives to the end: no collection needs to look at it
     with Ledger(path, synchronous=mission.fusion.synchronous) as ledger:
         async with Shell(mission, "fusion", name, connect) as shell:
-            shell.transport.subscribe(SET)
-            shell.transport.subscribe(SOFT_OBSERVATION)
-            shell.transport.subscribe(CLOCK)
-            for topic in (START, POSTERIOR, PICTURE, HEALTH, EVENT):
+            for topic in (SET, SOFT_OBSERVATION, CLOCK, START):
+                shell.transport.subscribe(topic)
+            for topic in (LEDGER, RELAY):
+                shell.transport.subscribe(topic, urgent=False)
+            for topic in (START, POSTERIOR, PICTURE, STATE, LEDGER, HEALTH, EVENT):
                 shell.transport.prepare(topic)
             process = FusionProcess(shell, team, ledger, speed)
             await process.run()
@@ -93,6 +101,8 @@ class FusionProcess:
         self._early: list[Event] = []
         self._answers = ClockAnswers()
         self._gather_s = 0.0
+        self._others: StartMessage | None = None  # of a fusion that started the team before
+        self._warned = False
         search = team.search()
         setup = FusionSetup(
             team.mission,
@@ -102,6 +112,7 @@ class FusionProcess:
             team.sensor_models,
             ledger,
             fingerprint(team.mission, team.mission.seed, search.filter),
+            platform.node(),
         )
         self._fusion = Fusion(setup, team.mission.seed)
         self._fusion.stamp = shell.stamp
@@ -150,23 +161,57 @@ class FusionProcess:
             shell.announce(f"goes on with a ledger of {estimate.sets} sets{said} after {took:.2f} s")
             return True
         wanted = {robot.id for robot in shell.mission.robots}
-        deadline = time.monotonic() + shell.mission.settings.start_timeout_s
-        while not shell.stopping and not wanted <= self._robots and time.monotonic() < deadline:
+        first = shell.name == shell.mission.fusions()[0]
+        deadline = time.monotonic() + shell.mission.settings.start_timeout_s * (1.0 if first else 1.5)
+        while not shell.stopping and self._others is None and time.monotonic() < deadline:
             self._note(shell.events())
+            if first and wanted <= self._robots:
+                break
             await asyncio.sleep(0.02)
         if shell.stopping:
             return False
+        if self._others is not None:
+            self._join(self._others)
+            return True
         missing = sorted(wanted - self._robots)
         if missing:
             shell.announce(f"starts without {', '.join(missing)}: they may join later", "warning")
         start = time.time() + START_DELAY_S
-        ledger.remember("epoch", repr(start))
-        ledger.remember("speed", repr(self._speed))
+        self._remember(start)
         shell.clock = TeamClock(start, self._speed)
         return True
 
+    def _join(self, start: StartMessage) -> None:
+        """Another fusion has started the team."""
+        shell, mission = self._shell, self._shell.mission
+        if start.mission_hash != mission_hash(mission) or start.seed != mission.seed:
+            raise MissionError(
+                f"{shell.name} has another mission file or seed than {start.sender}: "
+                "give every fusion of the team the same"
+            )
+        self._speed = start.speed
+        self._remember(start.epoch)
+        shell.adopt(start)
+        shell.announce(f"joins the team that {start.sender} has started")
+
+    def _remember(self, epoch: float) -> None:
+        mission = self._shell.mission
+        facts = {
+            "epoch": repr(epoch),
+            "speed": repr(self._speed),
+            "seed": str(mission.seed),
+            "mission": mission.name,
+            "mission_hash": mission_hash(mission),
+            "rollback_s": repr(mission.fusion.rollback_s),
+            "fusion": self._shell.name,
+        }
+        for name in reversed(facts):  # the epoch last: with it the ledger is one to go on with
+            self._ledger.remember(name, facts[name])
+
     def _note(self, events: Sequence[Event]) -> None:
         for event in events:
+            if isinstance(event, Heard) and isinstance(event.message, StartMessage):
+                self._others = event.message
             if isinstance(event, PeerChange) and event.peer.role == "robot":
                 (self._robots.add if event.alive else self._robots.discard)(event.peer.id)
             elif isinstance(event, Heard):
@@ -175,9 +220,11 @@ class FusionProcess:
     def _step(self, events: Sequence[Event]) -> None:
         shell = self._shell
         for event in events:
-            if isinstance(event, PeerChange) and event.peer.role == "robot":
+            if isinstance(event, PeerChange) and event.peer.role == "robot" and self._fusion.replicas.leads:
                 verb = "is here" if event.alive else "is gone"
                 shell.announce(f"{event.peer.id} {verb}", "info" if event.alive else "warning")
+            elif isinstance(event, Heard) and isinstance(event.message, StartMessage):
+                self._compare(event.message)
         now = shell.clock.now()
         first = [
             self._answers.hear(event.message, now)
@@ -196,6 +243,17 @@ class FusionProcess:
             elif isinstance(action, Publish):
                 shell.publish(action.topic, action.message)
         self._measure_latency(stored)
+
+    def _compare(self, start: StartMessage) -> None:
+        """Two fusions of one team that were started apart have two times: sets of one make no sense in the
+        other. People must choose."""
+        clock = self._shell.clock
+        assert isinstance(clock, TeamClock)
+        if abs(start.epoch - clock.epoch) > 1e-3 and not self._warned:
+            self._warned = True
+            self._shell.announce(
+                f"{start.sender} runs the same team with another start: end one of the two fusions", "error"
+            )
 
     def _measure_latency(self, entries: Sequence[LedgerEntry]) -> None:
         """Of sets that the posterior holds since now; what was offered again is counted once."""
