@@ -24,7 +24,7 @@ from msgspec import Meta
 
 from estimator.arrays import Count, FloatArray, Fraction, NonNegative, Positive
 from planner.budget import way_to
-from planner.deadline import Deadline
+from planner.deadline import Deadline, Reserve
 from planner.irrt.kinematics import Kinematics, identified
 from planner.irrt.targets import Targets, targets_of
 from planner.maasi.maasi import unplannable
@@ -37,7 +37,8 @@ from planner.mpc.way import steered, timed
 from planner.plan import Plan, PlannerSetup, PlanProblem, Trajectory
 
 RESERVE_S = 2e-3  # kept from the deadline
-WAY_S = 4e-3  # and this for finding waypoints
+WAY_S = 4e-3  # that finding waypoints may take, before it was measured
+AROUND_S = 4e-3  # and a way around obstacles
 
 
 class MpcConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -87,6 +88,7 @@ class Mpc:
         velocity = np.zeros(2) if config.velocity_m_s is None else np.array(config.velocity_m_s)
         if velocity.shape != (2,) or not np.isfinite(velocity).all():
             raise ValueError(f"velocity_m_s: expected 2 finite numbers, got {config.velocity_m_s}")
+        self._finish, self._around = Reserve(WAY_S, yields=True), Reserve(AROUND_S)
         made: dict[tuple[Domain, Limits], tuple[Program, Program]] = {}
         self._memories: dict[str, _Memory] = {}
         area, n = setup.area, config.horizon
@@ -124,7 +126,8 @@ class Mpc:
         targets = targets_of(problem, 1.0)
         driven = self.config.apply * self.config.step_s
         if targets.known == 0:
-            return searching(problem, self.setup, targets.means, targets.weights, driven)
+            places = targets.means, targets.weights
+            return searching(problem, self.setup, *places, driven, deadline, self._around)
         task, searches = self._task(problem, memory, targets)
         best, how = self._solved(memory, task, deadline)
         memory.controls = best.controls
@@ -133,7 +136,8 @@ class Mpc:
             "trace": float(best.covariances[-1, 0] + best.covariances[-1, 2]),
             "distance": float(np.linalg.norm(task.targets[0] - task.state[:2])),
         }
-        way, why = self._way(problem, memory, task, best, deadline)
+        with self._finish.measured(deadline):
+            way, why = self._way(problem, memory, task, best, deadline)
         memory.way = way
         if way is None:
             return held(problem, self.setup, why)
@@ -179,7 +183,7 @@ class Mpc:
         domain, limits = memory.one.domain, memory.one.limits
 
         def over() -> bool:
-            return deadline.left() <= WAY_S
+            return deadline.left() <= self._finish.kept(deadline)
 
         best = rolled_out(task, straight(task, limits), domain, limits, True)
         how = "goes straight"
@@ -228,7 +232,10 @@ class Mpc:
         way = timed(vehicle, problem.state, points, config.step_s, start, period)
         if not is_clear(problem, self.setup, way):
             goal = np.array([*wanted[-1, :2], vehicle.pose(problem.state)[2]])
-            around = way_to(problem, self.setup, problem.state, start, goal)
+            if not self._around.fits(deadline):
+                return None, "there was no time to find a way around obstacles"
+            with self._around.measured(deadline):
+                around = way_to(problem, self.setup, problem.state, start, goal)
             if around is None or not is_clear(problem, self.setup, around):
                 return None, "every way towards the target would touch an obstacle"
             way = around

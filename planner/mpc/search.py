@@ -4,6 +4,7 @@ import numpy as np
 
 from estimator.arrays import FloatArray
 from planner.budget import affordable, limited, returning, truncated, way_to
+from planner.deadline import Deadline, Reserve
 from planner.maasi.maasi import crowded
 from planner.mpc.part import begun
 from planner.plan import Plan, PlannerSetup, PlanProblem, Trajectory
@@ -11,9 +12,25 @@ from planner.separation import keeps_apart
 
 
 def searching(
-    problem: PlanProblem, setup: PlannerSetup, places: FloatArray, weights: FloatArray, seconds: float
+    problem: PlanProblem,
+    setup: PlannerSetup,
+    places: FloatArray,
+    weights: FloatArray,
+    seconds: float,
+    deadline: Deadline,
+    reserve: Reserve,
 ) -> Plan:
-    """Straight to where, for its distance, most is unexplored: places (d, c) with weights (c,)."""
+    """The first seconds of the way to where, for its distance, most is unexplored.
+
+    Args:
+        problem: in which no target is known.
+        setup: of the planner.
+        places: (d, c) middles of what is unexplored, with weights (c,).
+        weights: of them.
+        seconds: of the way that are driven.
+        deadline: after which no other way is looked for.
+        reserve: for finding one.
+    """
     why = "all is explored and no target is known"
     pose = setup.vehicles[problem.robot].pose(problem.state)
     d, scale = problem.area.dimension, float((problem.area.high - problem.area.low).max())
@@ -21,7 +38,11 @@ def searching(
     for cell in np.argsort(-weights / (0.1 * scale + gaps), kind="stable")[:4]:
         goal = pose[:3].copy()
         goal[:2] = places[:2, cell]
-        way = way_to(problem, setup, problem.state, problem.start_time, goal)
+        if not reserve.fits(deadline):
+            why = "there was no time to find a way"
+            break
+        with reserve.measured(deadline):
+            way = way_to(problem, setup, problem.state, problem.start_time, goal)
         if way is None or not is_clear(problem, setup, way):
             why = "there is no way to what is unexplored"
             continue
