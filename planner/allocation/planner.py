@@ -29,7 +29,12 @@ from planner.others import Others
 from planner.plan import Plan, PlannerSetup, PlanProblem
 
 LATE = "holds: its deadline was over before it knew its task"
-CUT_S, SHARE_S = 1e-3, 5e-3  # that cutting a task into places, and working out tasks, may take at first
+CUT_S = {
+    "explore": 4e-3,
+    "refine": 1e-3,
+    "request": 1e-3,
+}  # that cutting a task into places may take at first
+SHARE_S = 5e-3  # and working out what tasks there are
 
 
 class CbbaConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -77,7 +82,8 @@ class Cbba:
         self._way = MaasiConfig(alpha=config.alpha, beta=config.beta, control_cost=config.control_cost)
         self._desks: dict[str, Desk] = {}
         self._last: dict[str, Assignment] = {}  # of robots that are given none
-        self._pace, self._cutting = Pace(), Reserve(CUT_S)
+        self._pace = Pace()
+        self._cutting = {kind: Reserve(seconds) for kind, seconds in CUT_S.items()}
         self._sharing = Reserve(SHARE_S, spread=np.inf)  # asked twice for the same, it is quick
 
     def __repr__(self) -> str:
@@ -114,10 +120,11 @@ class Cbba:
         altitude = float(self.setup.vehicles[problem.robot].pose(problem.state)[2])
         _, width = self.desk(problem.robot).ability(problem, altitude)
         for task in own or self._nearest(problem, tasks):
-            if not self._cutting.fits(deadline):
+            cutting = self._cutting[task.kind]
+            if not cutting.fits(deadline):
                 reason = LATE
                 break
-            with self._cutting.measured(deadline):
+            with cutting.measured(deadline):
                 places = places_in(task, problem, altitude, width, self.config.places)
             plan = approach(problem, self.setup, task, self._way, places, deadline, self._pace, others)
             if plan.trajectory is not None:
