@@ -9,6 +9,8 @@ from planner.mpc.model import Domain, Limits, Task, rolled_out, straight
 from planner.mpc.nlp import Program
 
 TASKS = 10
+DOMAIN = Domain(1.0, 1 / 25, 10.0, math.cos(math.radians(30)))
+LIMITS = Limits(0.0, 3.0, -3.0, 1.0, math.pi / 4)
 
 
 def tasks() -> list[Task]:
@@ -28,7 +30,8 @@ def tasks() -> list[Task]:
                 process=np.array([0.01, 0.0, 0.01]),
                 step=1.0,
                 certainty=1.0,
-                distance=0.01,
+                distance=0.1,
+                standoff=DOMAIN.middle[0],
             )
         )
     return made
@@ -36,15 +39,13 @@ def tasks() -> list[Task]:
 
 def test_mpc_step(benchmark: Any) -> None:
     """Both steps, from the straight way as the first guess; the mean of ten problems."""
-    domain = Domain(1.0, 1 / 25, 10.0, math.cos(math.radians(30)))
-    limits = Limits(0.0, 3.0, -3.0, 1.0, math.pi / 4)
-    one, two = Program(10, domain, limits, False), Program(10, domain, limits, True)
+    one, two = Program(10, DOMAIN, LIMITS, False), Program(10, DOMAIN, LIMITS, True)
     problems = tasks()
 
     def solve() -> float:
         total = 0.0
         for task in problems:
-            best = rolled_out(task, straight(task, limits), domain, limits, True)
+            best = rolled_out(task, straight(task, LIMITS), DOMAIN, LIMITS, True)
             for program in (one, two):
                 found, _ = program.solve(task, best, lambda: False)
                 best = min(best, found, key=lambda plan: plan.objective)
