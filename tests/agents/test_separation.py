@@ -1,4 +1,4 @@
-"""Separation in a whole team: real Robots on a simulated network, with a planner that looks out for nobody."""
+"""Separation in a whole team: real Robots on a simulated network, whose planner looks out for nobody."""
 
 import dataclasses
 import math
@@ -50,15 +50,22 @@ class Across:
 
 
 def team_on_a_ring(kind, count, separation=5.0):
-    mission = load("quickstart", duration=60.0)
-    sensor, robots = mission.robots[0].sensor, []
+    mission = load("quickstart", duration=45.0)
+    sensor, robots = {**mission.robots[0].sensor, "period_s": 5.0}, []
     for i in range(count):
         angle = 2.0 * math.pi * i / count + 0.1
         x, y = (CENTRE + RADIUS * np.array([math.cos(angle), math.sin(angle)])).tolist()
         start = [x, y, 10.0, angle + math.pi]
         robots.append(RobotTable(id=f"r{i + 1}", start=start, vehicle=KINDS[kind], sensor=sensor))
     settings = TeamTable(separation_m=separation)
-    changed = msgspec.structs.replace(mission, robots=robots, settings=settings, stop_when_all_found=False)
+    changed = msgspec.structs.replace(
+        mission,
+        robots=robots,
+        settings=settings,
+        stop_when_all_found=False,
+        filter={**mission.filter, "particles": 200},  # nobody looks at what is found here
+        found=msgspec.structs.replace(mission.found, period_s=5.0),
+    )
     team = Team.of(changed)
     return dataclasses.replace(team, planner=Across(team.vehicle_models))
 
@@ -74,7 +81,7 @@ def flown(team, conditions):
         gaps = np.linalg.norm(places[:, None] - places[None], axis=2)[np.triu_indices(len(places), 1)]
         least[0] = min(least[0], float(gaps.min()))
 
-    for k in range(1, 600):
+    for k in range(1, 450):
         engine.after(0.1 * k, look)
     engine.run()
     goals, now = team.planner.goals, engine.clock.now()
