@@ -31,6 +31,7 @@ from planner.plan import Commitment, Plan, PlannerSetup, PlanProblem, Trajectory
 
 AT_ONCE = (0, 1)
 WAYS = 2  # for which time is kept for each robot: the first may not be free
+EACH_S = 3e-4  # that a robot takes besides
 EVALUATION = 0.6  # of the time there is may go into the robots' actions; the rest is for choosing
 
 
@@ -77,9 +78,10 @@ class MutualInformationJoint(MutualInformation):
         first = problems[some[0]]
         deadline = self.deadline(first.deadline_s)
         ways = self.following.reserve
-        if not ways.fits(deadline.less((len(some) - 1) * ways.seconds)):
-            return tuple(replace(plan, reason=plan.reason or LATE) for plan in plans.values())
-        choosing = deadline.less(WAYS * len(some) * ways.seconds)
+        if deadline.left() <= len(some) * ways.seconds:
+            held = self.late()
+            return tuple(plan if plan.reason else held for plan in plans.values())
+        choosing = deadline.less(len(some) * (WAYS * ways.seconds + EACH_S))
         team: list[Member] = []
         points, weights = np.zeros((0, 0)), np.zeros(0)
         for done, number in enumerate(some):
@@ -98,7 +100,7 @@ class MutualInformationJoint(MutualInformation):
             else:
                 team.append(member)
         if team and choosing.over():
-            plans.update({member.number: Plan(None, LATE) for member in team})
+            plans.update(dict.fromkeys([member.number for member in team], self.late()))
         elif team:
             plans.update(self._together(problems, team, first, points, weights, choosing, deadline))
         return tuple(plans.values())

@@ -53,15 +53,15 @@ class MutualInformation:
         if awkward:
             return Plan(None, awkward)
         deadline = self.deadline(problem.deadline_s)
-        if not self.following.reserve.fits(deadline):
-            return Plan(None, LATE)
+        if deadline.left() <= self.following.reserve.seconds:
+            return self.late()
         found, points, weights = self.prepared(problem)
         if found is not None:
             return found
         config, choosing = self.config, deadline.less(self.following.reserve.seconds)
         events = committed(problem, self.setup, points, config.steps, over=choosing.over)
         if choosing.over():
-            return Plan(None, LATE)
+            return self.late()
         here = self.setup.vehicles[problem.robot].pose(problem.state)[: len(points)]
         room = max(0, self.exact_steps(deadline) - config.steps)
         fixed, neglected = nearest(events, points, weights, here, room, config.taylor_terms)
@@ -105,10 +105,15 @@ class MutualInformation:
             self._thinned = intensity, points, weights
         return None, points, weights
 
+    def late(self) -> Plan:
+        """A hold before there was any action; less time is kept for ways then, or it might stay so."""
+        self.following.reserve.fits(Deadline(0.0))  # it does not: that makes it forget
+        return Plan(None, LATE)
+
     def nowhere(self, problem: PlanProblem, *, late: bool) -> Plan:
         """A robot without an action, or without one in time."""
         if late:
-            return Plan(None, LATE)
+            return self.late()
         why = "no place at the distance of a length scale is in the area and can be reached"
         return returning(problem, self.setup, why) if limited(problem) else Plan(None, f"holds: {why}")
 

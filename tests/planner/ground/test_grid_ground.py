@@ -115,6 +115,47 @@ def test_ways_are_nearly_as_short_as_the_shortest_through_middles_of_cells() -> 
     assert np.mean(lost) < 0.04
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_search_whose_time_is_up_knows_what_is_near_and_goes_on_when_asked_again(seed: int) -> None:
+    cells = random_cells(seed, 80, 90, 0.15)
+    cells[40, 45] = OPEN
+    ground, whole, here = grid(cells), grid(cells), np.array([45.5, 40.5])
+    rows, columns = np.nonzero(cells == OPEN)
+    middles = np.stack([columns + 0.5, rows + 0.5])
+    asked = iter([False, True] + [True] * 10)
+    some, exact = ground.distances(here, middles, lambda: next(asked)), whole.distances(here, middles)
+    known = np.isfinite(some)
+    assert 500 < known.sum() < np.isfinite(exact).sum()
+    assert np.median(exact[known]) < np.median(exact[np.isfinite(exact) & ~known])
+    assert ground.path(here, middles[:, -1], lambda: True) is None
+    np.testing.assert_array_equal(ground.distances(here, middles), exact)
+
+
+def test_ways_to_many_goals_are_those_to_each() -> None:
+    cells = random_cells(5, 40, 50, 0.2)
+    cells[20, 25] = OPEN
+    ground, here = grid(cells), np.array([25.5, 20.5])
+    goals = np.random.default_rng(5).uniform([[0], [0]], [[50], [40]], (2, 200))
+    for goal, way in zip(goals.T, ground.paths(here, goals), strict=True):
+        alone = ground.path(here, goal)
+        assert (way is None) == (alone is None)
+        if way is not None and alone is not None:
+            assert ground.segments_clear(way[:, :-1], way[:, 1:]).all()
+            np.testing.assert_array_equal(way[:, [0, -1]], np.stack([here, goal], axis=1))
+            assert legs(way) == pytest.approx(legs(alone), rel=0.08)
+
+
+def test_on_layers_lines_are_open_as_on_one() -> None:
+    """The fast walk on one layer and the general one agree."""
+    cells = random_cells(2, share=0.15).astype(np.uint8)
+    flat, layers = grid(cells), grid(np.repeat(cells[None], 2, axis=0), low=0.0, high=2.0)
+    rng = np.random.default_rng(2)
+    a, b = rng.uniform(0, [[15], [12]], (2, 500)), rng.uniform(0, [[15], [12]], (2, 500))
+    level = np.full((1, 500), 0.5)
+    over_two = layers.segments_clear(np.vstack([a, level]), np.vstack([b, level]))
+    np.testing.assert_array_equal(flat.segments_clear(a, b), over_two)
+
+
 def legs(way: np.ndarray) -> float:
     """Its length."""
     return float(np.linalg.norm(np.diff(way), axis=0).sum())

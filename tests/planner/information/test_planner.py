@@ -1,9 +1,11 @@
 import dataclasses
+import itertools
 from typing import Any
 
 import numpy as np
 import pytest
 
+from planner.deadline import Deadline
 from planner.information.events import Events
 from planner.information.gains import Fixed, information, options
 from planner.information.joint import MutualInformationJoint
@@ -137,6 +139,30 @@ def test_a_search_that_is_settled_is_over() -> None:
     assert over.trajectory is None
     assert "over" in over.reason
     assert planner.plan(problem).trajectory is not None
+
+
+@pytest.mark.parametrize("asked", [1, 3, 10, 40])
+def test_with_little_time_each_robot_has_a_defined_plan(asked: int) -> None:
+    """A clock that goes on by a millisecond each time that it is read."""
+    ticks = itertools.count()
+    planner, problems, setup = pair(2)
+    planner.deadline = lambda seconds: Deadline(seconds, lambda: 1e-3 * next(ticks))  # type: ignore
+    late = tuple(dataclasses.replace(p, deadline_s=1e-3 * asked) for p in problems)
+    for plan, problem in zip(planner.plan_jointly(late), late, strict=True):
+        contract.check(plan, problem, setup)
+        assert plan.trajectory is not None or "deadline" in plan.reason
+    one = planner.plan(late[0])
+    assert one.trajectory is not None or "deadline" in one.reason
+
+
+def test_what_was_slow_once_is_tried_again() -> None:
+    setup = contract.team("ground_2d", "a")
+    planner = MutualInformation(MutualInformation.Config(), setup)
+    ticks = itertools.count()
+    planner.deadline = lambda seconds: Deadline(seconds, lambda: 1e-3 * next(ticks))  # type: ignore
+    planner.following.reserve.seconds = 1.0
+    problem = dataclasses.replace(contract.ordinary(setup), others=(), deadline_s=0.5)
+    assert any(planner.plan(problem).trajectory is not None for _ in range(100))
 
 
 def test_random_modes_draw_anew_with_every_seed() -> None:
