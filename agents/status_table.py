@@ -9,6 +9,7 @@ from rich.text import Text
 _SILENT_AFTER_S = 5.0  # the health topic's rate is 1 Hz
 _ENDED_WELL = ("done", "stopped", "ended")
 _MOST_ROWS = 24
+_MOST_PROBLEMS = 3
 _BAR = 76  # characters
 
 
@@ -42,6 +43,7 @@ class TeamStatus:
     rejected: int = 0  # messages that were not applied
     processes: tuple[ProcessStatus, ...] = ()
     note: str = ""  # one line of news
+    problems: tuple[str, ...] = ()  # of the team's health, a sentence each
     alone: str = ""  # the robot whose belief this is, for want of a fusion
     held_twice_s: float = 0.0  # task-seconds that two robots held one task, as far as they knew
 
@@ -55,6 +57,13 @@ def status_table(status: TeamStatus) -> RenderableType:
     hidden = len(status.processes) - _MOST_ROWS
     if hidden > 0:
         parts.append(Text(f"and {hidden} more processes that are well", style="dim"))
+    parts += [
+        Text(f"! {problem}", style="yellow", no_wrap=True, overflow="ellipsis")
+        for problem in status.problems[:_MOST_PROBLEMS]
+    ]
+    if len(status.problems) > _MOST_PROBLEMS:
+        more = len(status.problems) - _MOST_PROBLEMS
+        parts.append(Text(f"and {more} more problems: searchparty status tells them", style="yellow"))
     if status.note:
         parts.append(Text(status.note, style="dim", no_wrap=True, overflow="ellipsis"))
     return Group(*parts)

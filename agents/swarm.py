@@ -30,9 +30,11 @@ from agents.status_board import StatusBoard
 from agents.status_table import ProcessStatus, status_table
 from agents.supervisor import State, Status, Supervisor
 from agents.team import Team
+from agents.team_health import HealthBoard
 from agents.topics import BELIEF, BID, EVENT, HEALTH, POSE, POSTERIOR, SET, START, TRUTH
 from agents.transport import PeerChange
 
+HEARD = (POSE, SET, BID, POSTERIOR, BELIEF, HEALTH, EVENT, START)
 GRACE_S = 1.0  # wall time from the last found target to the end
 REFRESH_S = 0.25
 TRUTH_PERIOD_S = 1.0
@@ -109,6 +111,8 @@ class Swarm:
         self._scoreboard = Scoreboard(team.mission, team.mission.seed, "processes", self._world)
         self._scoreboard.tasks = Ownership(SILENT_S * max(1.0, launch.speed))
         self._board = StatusBoard(team.mission)
+        self._health = HealthBoard(team.mission, shell.vitals)
+        shell.vitals.listening = tuple(topic.name for topic in HEARD)
         self._started = False
         self._ending = False
         self._deaths: list[str] = []
@@ -116,7 +120,7 @@ class Swarm:
     async def run(self) -> int:
         """Until all is found, the time is up, or someone asks to end; then the summary."""
         shell = self._shell
-        for topic in (POSE, SET, BID, POSTERIOR, BELIEF, HEALTH, EVENT, START):
+        for topic in HEARD:
             shell.transport.subscribe(topic, urgent=False)
         starting = asyncio.create_task(self._supervisor.start())
         try:
@@ -198,9 +202,11 @@ class Swarm:
             if isinstance(event, PeerChange):
                 if not self._ending:  # that all go then is no news
                     self._board.on_peer(event)
+                    self._health.on_peer(event)
             elif isinstance(event, Heard):
                 message = event.message
                 self._board.on_message(event.topic.name, message, wall)
+                self._health.on_message(message)
                 if isinstance(message, StartMessage):
                     self._shell.clock = TeamClock(message.epoch, message.speed)
                     self._started = True
@@ -215,10 +221,13 @@ class Swarm:
     def _table(self) -> RenderableType:
         time_s = self._shell.clock.now() if self._started else None
         status = self._board.status(time.monotonic(), time_s)
+        well = not self._started or self._ending
+        problems = () if well else self._health.recent(time.monotonic(), self._shell.clock.speed)
         supervised = {s.name: s for s in self._supervisor.statuses()}
         return status_table(
             replace(
                 status,
+                problems=problems,
                 found=self._scoreboard.targets_found,
                 total=self._scoreboard.targets_total,
                 processes=tuple(_with(row, supervised[row.id]) for row in status.processes),

@@ -1,5 +1,6 @@
 """How a whole team is, as one process hears it: for `searchparty status`, the terminal and the viewer."""
 
+import math
 from collections.abc import Iterable
 from typing import TypeVar
 
@@ -11,6 +12,7 @@ from agents.transport import PeerChange
 from agents.vitals import Stream, Vitals
 
 T = TypeVar("T", int, float)
+LOOK_S = 1.0  # wall time
 
 
 class TopicHealth(msgspec.Struct, frozen=True, kw_only=True):
@@ -69,6 +71,8 @@ class HealthBoard:
         self._first: dict[tuple[str, str], HealthMessage] = {}
         self._last: dict[str, HealthMessage] = {}
         self._posterior: PosteriorMessage | None = None
+        self._look_at = -math.inf
+        self._recent: tuple[str, ...] = ()
         self.warnings: list[str] = []  # what the user of the board knows besides
 
     def __repr__(self) -> str:
@@ -99,6 +103,13 @@ class HealthBoard:
             self._posterior is None or message.applied >= self._posterior.applied
         ):
             self._posterior = message
+
+    def recent(self, wall: float, speed: float) -> tuple[str, ...]:
+        """What is wrong, looked at no more than once a second."""
+        if wall >= self._look_at:
+            self._look_at = wall + LOOK_S
+            self._recent = tuple(self.report(wall, speed, None).problems)
+        return self._recent
 
     def report(self, wall: float, speed: float, team_time: float | None) -> TeamHealth:
         """How the team stands at wall time `wall`; `speed` is team seconds per wall second."""

@@ -6,7 +6,7 @@ counts as said. What is usual per topic stands in the topic table; a mission's o
 
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass, field
 
 from agents.messages import Message
@@ -53,6 +53,7 @@ class Vitals:
     """Grows by `heard` and `refused`. Wall times are seconds of any one clock."""
 
     def __init__(self, mission: Mission, began: float) -> None:
+        self.listening: Container[str] = PERIODIC  # topics that are awaited, where those are subscribed to
         self._usual = _usual(mission)
         self._began = began
         self._streams: dict[tuple[str, str], _Heard] = {}
@@ -92,7 +93,7 @@ class Vitals:
             for peer, role in peers.items()
             if role in ROLES
             for topic in PERIODIC
-            if topic in ROLES[role].says
+            if topic in ROLES[role].says and topic in self.listening
         }
         return [
             self._row(topic, peer, wall, speed, peer in peers)

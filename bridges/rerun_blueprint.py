@@ -37,6 +37,7 @@ PLAN_WAYPOINTS = "world/plans/waypoints"
 TARGETS_PLOT = "plots/targets"
 POSTERIOR_PLOT = "plots/latency/capture_to_posterior"
 LATENESS_PLOT = "plots/latency/measure_clock"
+TROUBLE_PLOT = "plots/health"
 STATES = "team"
 EVENTS = "events"
 SUMMARY = "summary"
@@ -79,8 +80,15 @@ def blueprint(mission: Mission) -> rrb.Blueprint:
             background=plain,
             axis_x=whole,
         ),
+        rrb.TimeSeriesView(
+            name="Health",
+            origin=TROUBLE_PLOT,
+            plot_legend=rrb.PlotLegend(corner="RightTop"),
+            background=plain,
+            axis_x=whole,
+        ),
         rrb.StateTimelineView(name="Team", origin=STATES, time_view=whole),
-        row_shares=[3, 3, 3],
+        row_shares=[3, 3, 2, 3],
     )
     view = rrb.Spatial3DView(
         name=mission.description or mission.name,
@@ -149,6 +157,15 @@ def log_styles(stream: rr.RecordingStream, mission: Mission) -> None:
             names=["capture to posterior p50", "its p99"],
             colors=[(76, 194, 255), (37, 99, 160)],
             widths=[2.0, 1.5],
+        ),
+        static=True,
+    )
+    stream.log(
+        TROUBLE_PLOT,
+        rr.SeriesLines(
+            names=["refused", "dropped", "lost", "not heard"],
+            colors=[(248, 113, 113), (251, 191, 36), (192, 132, 252), (148, 163, 184)],
+            widths=[2.0, 2.0, 2.0, 1.5],
         ),
         static=True,
     )

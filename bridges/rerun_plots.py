@@ -7,7 +7,7 @@ import numpy as np
 from agents.histogram import Histogram
 from agents.messages import EstimateMessage, HealthMessage
 from agents.mission import Mission
-from bridges.rerun_blueprint import LATENESS_PLOT, POSTERIOR_PLOT
+from bridges.rerun_blueprint import LATENESS_PLOT, POSTERIOR_PLOT, TROUBLE_PLOT
 from estimator.arrays import IntArray
 
 PERIOD_S = 5.0  # team seconds that one point of a latency plot covers
@@ -43,6 +43,35 @@ class Latencies:
             if p50 is not None and p99 is not None:
                 self._fresh[name] = Histogram()
                 yield path, [p50, p99]
+
+
+class Troubles:
+    """The whole team's messages that did not go well since the last point, of all processes together."""
+
+    def __init__(self) -> None:
+        self._last: dict[tuple[str, str], tuple[int, int, int]] = {}  # by sender and boot
+        self._fresh = [0, 0, 0]
+        self._silent: dict[str, float] = {}
+        self._due = -np.inf
+
+    def hear(self, message: HealthMessage) -> None:
+        """Take in one process's counters."""
+        counters = message.counters
+        dropped = sum(n for name, n in counters.items() if name.startswith("link.dropped."))
+        counts = (counters.get("rejected", 0), dropped, counters.get("lost", 0))
+        before = self._last.get((message.sender, message.boot), (0, 0, 0))
+        self._fresh = [f + max(0, now - old) for f, now, old in zip(self._fresh, counts, before, strict=True)]
+        self._last[message.sender, message.boot] = counts
+        self._silent[message.sender] = sum(n for k, n in message.gauges.items() if k.startswith("silent."))
+
+    def due(self, now: float) -> Iterator[tuple[str, list[float]]]:
+        """The plot's new point, if it is time for one: refused, dropped, lost, streams that are silent."""
+        if now < self._due or not self._last:
+            return
+        self._due = now + PERIOD_S
+        values = [float(count) for count in self._fresh]
+        self._fresh = [0, 0, 0]
+        yield TROUBLE_PLOT, [*values, sum(self._silent.values())]
 
 
 def summary_text(mission: Mission, posterior: EstimateMessage, total: int | None, now: float) -> str:

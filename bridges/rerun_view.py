@@ -18,7 +18,7 @@ from agents.transport import PeerChange
 from bridges import rerun_blueprint as paths
 from bridges import rerun_shapes as shapes
 from bridges.rerun_output import Mode, RerunOutput
-from bridges.rerun_plots import Latencies
+from bridges.rerun_plots import Latencies, Troubles
 from bridges.rerun_scene import Scene
 from estimator.arrays import FloatArray
 
@@ -62,6 +62,7 @@ class RerunView:
         self._shown = Shown(mission.fusion.alone_after_s)
         self._truth: m.TruthMessage | None = None
         self._latencies = Latencies()
+        self._troubles = Troubles()
         self._new: set[type[m.Message]] = set()
         self._picture: m.PictureMessage | None = None
         self._newest = 0.0
@@ -95,6 +96,7 @@ class RerunView:
                 self._truth = message
             case m.HealthMessage():
                 self._latencies.hear(message)
+                self._troubles.hear(message)
             case m.EventMessage():
                 self._draw_event(message)
         self._new.add(type(message))
@@ -129,7 +131,7 @@ class RerunView:
             self._scene.draw_picture(self._picture)
         if m.EstimateMessage in new or m.TruthMessage in new:
             self._scene.draw_posterior(self._shown.estimate, self._truth, at)
-        for path, values in self._latencies.due(at):
+        for path, values in (*self._latencies.due(at), *self._troubles.due(at)):
             self._stream.log(path, rr.Scalars(values))
 
     def close(self, timeout: float = 1.5) -> None:

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from agents.shell import Shell
+    from agents.status_table import TeamStatus
     from bridges.rerun_view import RerunView
 
 DRAW_PERIOD_S = 0.2  # wall time
@@ -129,12 +130,14 @@ class Watcher:
 
     def __init__(self, shell: "Shell", view: "RerunView", console: "Console", *, quiet: bool) -> None:
         from agents.status_board import StatusBoard
+        from agents.team_health import HealthBoard
 
         self._shell = shell
         self._view = view
         self._console = console
         self._table = not quiet and console.is_terminal
         self._board = StatusBoard(shell.mission)
+        self._health = HealthBoard(shell.mission, shell.vitals)
         self._drawer = Drawer(view, shell.log)
         self._started = False
 
@@ -156,7 +159,7 @@ class Watcher:
             while not shell.stopping:
                 self._take()
                 if self._table:
-                    live.update(status_table(self._board.status(time.monotonic(), self._now())), refresh=True)
+                    live.update(status_table(self._status()), refresh=True)
                 await shell.sleep_until(shell.clock.now() + DRAW_PERIOD_S * shell.clock.speed)
             self._take()
 
@@ -167,20 +170,28 @@ class Watcher:
     def _now(self) -> float | None:
         return max(0.0, self._shell.clock.now()) if self._started else None
 
+    def _status(self) -> "TeamStatus":
+        from dataclasses import replace
+
+        wall = time.monotonic()
+        problems = self._health.recent(wall, self._shell.clock.speed) if self._started else ()
+        return replace(self._board.status(wall, self._now()), problems=problems)
+
     def _take(self) -> None:
         events = self._shell.events()
         wall = time.monotonic()
         for event in events:
             if isinstance(event, PeerChange):
                 self._board.on_peer(event)
+                self._health.on_peer(event)
             elif isinstance(event, Heard):
                 self._board.on_message(event.topic.name, event.message, wall)
+                self._health.on_message(event.message)
                 if isinstance(event.message, StartMessage):
                     self._start(event.message)
         self._drawer.put(events, self._now())
 
     def _start(self, message: StartMessage) -> None:
-        from agents.clock import TeamClock
         from agents.mission_file import mission_hash
 
         if not self._started and message.mission_hash != mission_hash(self._shell.mission):
@@ -188,8 +199,9 @@ class Watcher:
             text = "the team runs another version of this mission file"
             self._shell.log(text)
             self._board.note(text)
+        if not self._started or message.epoch != self._shell.clock.epoch:
+            self._shell.adopt(message)  # people look at the team's time, not at this computer's
         self._started = True
-        self._shell.clock = TeamClock(message.epoch, message.speed)
 
     def _tell_health(self) -> None:
         from agents.health import health_message

@@ -1,6 +1,7 @@
 """The terminal's table."""
 
 import io
+from dataclasses import replace
 
 from rich.console import Console
 
@@ -58,3 +59,13 @@ def test_unknown_truth_and_time_are_shown_as_unknown() -> None:
 
     assert "not started" in output
     assert "0/?" in output
+
+
+def test_what_is_wrong_stands_below_in_sentences_and_most_of_many_is_counted() -> None:
+    status = replace(team(), problems=tuple(f"robot r{i} is not there" for i in range(9)))
+
+    output = text(status)
+
+    assert "! robot r0 is not there" in output
+    assert "r3 is not there" not in output
+    assert "and 6 more problems" in output

@@ -1,11 +1,12 @@
 """The numbers beside the picture."""
 
+import msgspec
 import numpy as np
 
 from agents.histogram import Histogram
 from agents.messages import HealthMessage
-from bridges.rerun_blueprint import POSTERIOR_PLOT
-from bridges.rerun_plots import PERIOD_S, Latencies
+from bridges.rerun_blueprint import POSTERIOR_PLOT, TROUBLE_PLOT
+from bridges.rerun_plots import PERIOD_S, Latencies, Troubles
 
 
 def health(boot: str, *milliseconds: float) -> HealthMessage:
@@ -53,3 +54,25 @@ def test_restarted_process_does_not_count_backwards() -> None:
 
 def test_nothing_new_draws_nothing() -> None:
     assert list(Latencies().due(0.0)) == []
+
+
+def test_troubles_are_what_came_since_the_last_point_of_all_processes() -> None:
+    troubles = Troubles()
+    assert list(troubles.due(0.0)) == []
+    sick = msgspec.structs.replace(
+        health("b1"),
+        counters={
+            "rejected": 4,
+            "rejected.not_finite": 4,
+            "link.dropped.set": 2,
+            "link.dropped.pose": 1,
+            "lost": 3,
+        },
+        gauges={"silent.pose": 2.0},
+    )
+    troubles.hear(sick)
+    troubles.hear(msgspec.structs.replace(sick, sender="r1", counters={"rejected": 1}, gauges={}))
+    assert list(troubles.due(0.0)) == [(TROUBLE_PLOT, [5.0, 3.0, 3.0, 2.0])]
+    troubles.hear(sick)
+    assert list(troubles.due(PERIOD_S / 2)) == []
+    assert list(troubles.due(PERIOD_S)) == [(TROUBLE_PLOT, [0.0, 0.0, 0.0, 2.0])]

@@ -36,6 +36,7 @@ ALWAYS = {
     paths.TARGETS_PLOT,
     paths.POSTERIOR_PLOT,
     paths.LATENESS_PLOT,
+    paths.TROUBLE_PLOT,
     f"{paths.STATES}/r1",
     f"{paths.EVENTS}/fusion",
     paths.SUMMARY,
