@@ -70,3 +70,16 @@ def test_crossing_targets_are_found_and_keep_their_labels(seed: int) -> None:
     assert summary["false_found"] == 0
     assert summary["label_changes"] == 0
     assert summary["gospa"] < 2.5
+
+
+def test_a_random_walk_grows_with_the_root_of_time_and_is_the_same_for_every_asker() -> None:
+    keys = {"starts": [[5.0, 10.0]] * 400, "velocities": [[0.0, 0.0]] * 400, "drift": 0.1}
+    made, again = world(**keys), world(**keys)
+    early, late = made.targets(4.0), made.targets(16.0)
+    start = np.array([[5.0], [10.0]])
+    assert np.std(early - start) == pytest.approx(0.2, rel=0.15)
+    assert np.std(late - start) == pytest.approx(0.4, rel=0.15)
+    np.testing.assert_array_equal(again.targets(16.0), late)  # asked in another order
+    np.testing.assert_array_equal(again.targets(4.0), early)
+    np.testing.assert_allclose(made.targets(4.5), 0.5 * (early + made.targets(5.0)))
+    np.testing.assert_array_equal(made.targets(0.0), np.tile(start, 400))

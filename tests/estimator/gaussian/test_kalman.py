@@ -147,3 +147,26 @@ def test_a_mission_finds_the_one_target_and_leaves_it_alone_then() -> None:
 def test_a_start_that_does_not_fit_is_named(start: list[float]) -> None:
     with pytest.raises(ValueError, match="start_m"):
         Kalman(Kalman.Config(start_m=start)).init(AREA, RNG)
+
+
+def test_a_target_with_a_known_velocity_drifts_with_it_as_equation_5a_says() -> None:
+    config = Kalman.Config(
+        motion=MotionConfig(kind="random_walk", drift=0.1),
+        start_m=[40.0, 30.0],
+        start_sigma_m=2.0,
+        start_velocity_m_s=[-0.5, 0.2],
+    )
+    filter = Kalman(config)
+    state = filter.init(AREA, RNG)
+    for _ in range(4):
+        state = filter.predict(state, 2.5, RNG)
+    np.testing.assert_allclose(state.mean, [35.0, 32.0])
+    np.testing.assert_allclose(state.covariance, (4.0 + 0.01 * 10.0) * EYE)
+    _, clusters = filter.clusters(state, RNG)
+    assert clusters.velocities is not None
+    np.testing.assert_allclose(clusters.velocities, [[-0.5], [0.2]])
+
+
+def test_a_standing_target_has_no_velocity_to_give() -> None:
+    with pytest.raises(ValueError, match="start_velocity_m_s"):
+        Kalman(Kalman.Config(start_velocity_m_s=[1.0, 0.0])).init(AREA, RNG)

@@ -276,3 +276,14 @@ def test_the_papers_scenarios_the_target_is_found_and_kept_in_view(figure):
 def test_driving_up_to_the_target_as_j_is_printed_loses_it():
     course = run(mission_of(SCENARIOS[0], standoff_m=0.0), 0)
     assert course.in_view < 0.6
+
+
+@pytest.mark.parametrize("degrees", [20.0, 45.0, 180.0])
+def test_a_ground_robot_can_stop_however_slowly_it_turns(degrees):
+    setup = contract.team("ground_2d", "a")
+    slow = Unicycle(Unicycle.Config(speed_m_s=3.0, turn_rate_deg_s=degrees))
+    planner = Mpc(Mpc.Config(), dataclasses.replace(setup, vehicles={"a": slow}))
+    limits = planner._memories["a"].one.limits
+    assert limits.slowest == 0.0
+    assert limits.turn_rate <= math.radians(degrees)
+    assert limits.accelerating == -limits.braking == slow.config.acceleration_m_s2
