@@ -35,6 +35,7 @@ MISSION_TABLES: dict[str, type[msgspec.Struct]] = {
     "## [restart]": mission.RestartTable,
     "## [[robots]]": mission.RobotTable,
     "## [[statements]]": mission.StatementTable,
+    "## [[requests]]": mission.RequestTable,
 }
 DTYPES = {"<f8": "float64", "<f4": "float32", "|u1": "uint8", "<i8": "int64"}
 
