@@ -11,6 +11,7 @@ While a fusion is heard this costs the memory of one state and of some sets. Fil
 loop (`Reckon`), and only while no fusion is heard.
 """
 
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -21,7 +22,7 @@ import msgspec
 from agents.belief import Belief
 from agents.errors import DataError
 from agents.estimate import SLICE, Estimate
-from agents.history import Identity, identity, key
+from agents.history import identity, key
 from agents.machine import Action, Publish, Reckon, Stamp
 from agents.messages import (
     BeliefMessage,
@@ -67,7 +68,7 @@ class Alone:
         self._heard_at = now  # of a posterior
         self._back_at: float | None = None  # since when a fusion is heard again
         self._shared: StateMessage | None = None
-        self._kept: dict[Identity, LedgerEntry] = {}  # not in the shared state
+        self._kept: deque[LedgerEntry] = deque(maxlen=MOST)  # since the shared state; some may come twice
         self._estimate: Estimate | None = None
         self._fresh: list[LedgerEntry] = []  # not yet given to the estimate
         self._reckoning: int | None = None
@@ -113,28 +114,25 @@ class Alone:
 
     def hear_state(self, message: StateMessage) -> None:
         """A fusion shares its state: what it holds need not be kept any more."""
-        if self._shared is not None and message.applied < self._shared.applied:
-            return
-        self._shared = message
-        marks = message.watermark
-        self._kept = {
-            one: entry for one, entry in self._kept.items() if not covers(marks.get(source(*one[:2])), one[2])
-        }
+        if self._shared is None or message.applied >= self._shared.applied:
+            self._shared = message
+            self._kept = deque(filter(self._is_news, self._kept), MOST)
 
     def hear(self, entry: LedgerEntry) -> None:
-        """A set or statement that this robot or a peer took."""
-        one, shared = identity(entry), self._shared
-        if one in self._kept or (shared and covers(shared.watermark.get(source(*one[:2])), one[2])):
-            return
+        """A set or statement that this robot or a peer took; while a fusion is heard it is only kept."""
+        self._kept.append(entry)
+        if self._estimate is not None and self._is_news(entry):
+            self._fresh.append(entry)
+
+    def _is_news(self, entry: LedgerEntry) -> bool:
+        """Whether an entry is good, and not in the shared state."""
         if isinstance(entry, MeasurementSetMessage):
             sensor = self._setup.sensors.get(entry.sender)
             if sensor is None or entry.measurements.shape[1] != sensor.measurement_size:
-                return
-        self._kept[one] = entry
-        if len(self._kept) > MOST:
-            del self._kept[next(iter(self._kept))]
-        if self._estimate is not None:
-            self._fresh.append(entry)
+                return False
+        shared = self._shared
+        name = source(entry.sender, entry.boot)
+        return shared is None or not covers(shared.watermark.get(name), entry.sequence)
 
     # What it does
 
@@ -176,13 +174,14 @@ class Alone:
             told = msgspec.structs.replace(self._view, **stamp.header(BELIEF, self._view.time))
             actions.append(Publish(BELIEF, told))
         if self._fresh and now >= self._reckon_at:
-            entries, self._fresh = sorted(self._fresh, key=key), []
+            entries = sorted({identity(e): e for e in self._fresh}.values(), key=key)
+            self._fresh = []
             actions.append(self._work(now, partial(_accept, estimate, entries)))
         return actions
 
     def _begin(self, now: float) -> Action:
         setup, shared = self._setup, self._shared
-        entries = sorted(self._kept.values(), key=key)
+        entries = sorted({identity(e): e for e in self._kept if self._is_news(e)}.values(), key=key)
         estimate = Estimate(
             setup.search, setup.sensors, setup.seed, rollback_s=setup.mission.fusion.rollback_s
         )
