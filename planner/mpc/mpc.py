@@ -32,12 +32,13 @@ from planner.mpc.model import Domain, Foreseen, Limits, Task, rolled_out, straig
 from planner.mpc.nlp import Program
 from planner.mpc.pursuit import Pursuit
 from planner.mpc.search import allowed, held, is_clear, searching
-from planner.mpc.sensing import acceleration_of, domain_of, limits_of, noise_of
+from planner.mpc.sensing import acceleration_of, domain_of, limits_of, noise_of, turning_of
 from planner.mpc.way import steered, timed
 from planner.plan import Plan, PlannerSetup, PlanProblem, Trajectory
 
 RESERVE_S = 2e-3  # kept from the deadline
 WAY_S = 4e-3  # that finding waypoints may take, before it was measured
+LEAST_TURN = 0.02  # rad/s, of a vehicle that seems not to turn at all
 AROUND_S = 4e-3  # and a way around obstacles
 
 
@@ -101,6 +102,8 @@ class Mpc:
             side = max(0.2 * float((area.high - area.low).max()), 1.0)
             moves = known.kinematics if known else identified(vehicle, vehicle.initial_state(pose), side)
             sensor, turning = setup.sensors[robot], math.radians(config.turn_rate_deg_s)
+            if moves.heads:
+                turning = min(turning, max(turning_of(vehicle, pose), LEAST_TURN))
             domain = domain_of(sensor, moves.heads, config.alpha_1, config.alpha_2)
             faster = config.acceleration_m_s2 or acceleration_of(vehicle)
             key = domain, limits_of(moves, config.braking_m_s2 or faster, faster, turning)

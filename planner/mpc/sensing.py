@@ -63,3 +63,11 @@ def limits_of(kinematics: Kinematics, braking: float, accelerating: float, turn_
 def acceleration_of(vehicle: VehicleModel) -> float:
     """m/s^2 that a vehicle can do, as it says for keeping robots apart."""
     return float(getattr(getattr(vehicle, "evasion", None), "acceleration", ACCELERATION))
+
+
+def turning_of(vehicle: VehicleModel, pose: FloatArray) -> float:
+    """rad/s that a vehicle turns from a pose (4,) towards what lies behind it, in the first second."""
+    behind = pose[:3] - 10.0 * np.array([math.cos(pose[3] + 0.1), math.sin(pose[3] + 0.1), 0.0])
+    state = vehicle.begin(vehicle.initial_state(pose), behind)
+    turned = vehicle.pose(vehicle.advance(state, behind, round(1.0 / vehicle.control_period)))[3] - pose[3]
+    return abs(math.remainder(float(turned), 2.0 * math.pi))
