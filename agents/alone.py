@@ -144,7 +144,7 @@ class Alone:
 
     def step(self, now: float, stamp: Stamp, belief: Belief) -> list[Action]:
         """What to do at `now`; the robot's belief is given what to believe."""
-        silent = now - self._heard_at >= self._after
+        silent = now >= self._heard_at + self._after  # as `next_wake` reckons, to the last bit
         if self._estimate is not None:
             return self._go_on(now, stamp, belief)
         if self._shown:

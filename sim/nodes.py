@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from sim.engine import Engine
 
 
+AT_ONCE = 1000  # steps of one process at one instant: more are an agent's defect
+
+
 class Killed(Exception):
     """The process that was being stepped is no more; nobody but its node's loop sees this."""
 
@@ -55,6 +58,7 @@ class Node(ABC):
         self._told: list[Event] = []
         self._wake_at = float("inf")
         self._busy_until = 0.0
+        self._ran_at, self._at_once = -1.0, 0
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.name}/{self.boot}, {self.life.value})"
@@ -124,6 +128,10 @@ class Node(ABC):
         if due != self._wake_at or self.life is not Life.RUNNING:
             return  # superseded by an earlier wake
         self._wake_at = float("inf")
+        self._at_once = self._at_once + 1 if due == self._ran_at else 0
+        self._ran_at = due
+        if self._at_once > AT_ONCE:
+            raise RuntimeError(f"{self.name} wants to be woken at {due} again and again: time stands still")
         if self.lag_s:
             self._busy_until = due + self.lag_s
         events: list[Event] = [*self.transport.drain_peer_changes()]
