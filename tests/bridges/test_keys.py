@@ -1,7 +1,10 @@
 """Certificates and their files: made right, checked before use, and told of in one sentence when wrong."""
 
 import json
+import socket
 import stat
+import subprocess
+import sys
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -11,7 +14,8 @@ from cryptography.x509.oid import ExtendedKeyUsageOID
 from typer.testing import CliRunner
 
 from agents import cli
-from agents.errors import DataError, JoinError, MissionError, StorageError
+from agents.errors import DataError, JoinError, LinkError, MissionError, StorageError
+from agents.mission_file import WrongMissionError, dumps, load
 from bridges.certificates import common_name, hosts_of
 from bridges.key_workshop import Workshop
 from bridges.keyring import credentials
@@ -201,3 +205,55 @@ def test_the_command_says_what_it_made_and_what_to_do_with_it(tmp_path: Path) ->
     assert "anna" in again.output
     wrong = run.invoke(cli.app, ["keys", "quickstart", "--out", str(out), "--also", "captain:anna"])
     assert isinstance(wrong.exception, MissionError)
+
+
+@pytest.mark.parametrize(
+    ("link", "key", "words"),
+    [
+        ('topology = "mesh"\nkeys = "keys"', "link.topology", "star or router"),
+        ('endpoints = ["tcp/127.0.0.1:7447"]\nkeys = "keys"', r"link.endpoints\[0\]", "tls/HOST:PORT"),
+        ('endpoints = ["tls/127.0.0.1:7447"]', r"link.endpoints\[0\]", "or link.keys"),
+    ],
+)
+def test_a_mission_whose_link_and_keys_do_not_fit_is_wrong(
+    tmp_path: Path, link: str, key: str, words: str
+) -> None:
+    path = guarded_mission(tmp_path, link)
+    with pytest.raises(WrongMissionError, match=f"{key}: .*{words}"):
+        load(path)
+
+
+def guarded_mission(directory: Path, link: str) -> Path:
+    text = dumps(load("quickstart"))
+    path = directory / "m.toml"
+    begin, end = text.index("[link]"), text.index("[", text.index("lease_s"))
+    path.write_text(f"{text[:begin]}[link]\n{link}\n\n{text[end:]}")
+    return path
+
+
+@pytest.mark.processes
+def test_a_router_in_the_field_serves_those_who_have_keys_and_others_are_told_what_they_lack(
+    tmp_path: Path,
+) -> None:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        endpoint = f"tls/127.0.0.1:{probe.getsockname()[1]}"
+    path = guarded_mission(
+        tmp_path, f'topology = "router"\nendpoints = ["{endpoint}"]\nkeys = "keys"\nlease_s = 2.0'
+    )
+    lacking = CliRunner().invoke(cli.app, ["status", str(path)])
+    assert isinstance(lacking.exception, JoinError)
+    assert "status/ca.pem is missing: make the team's keys" in str(lacking.exception)
+    assert CliRunner().invoke(cli.app, ["keys", str(path)]).exit_code == 0
+    command = [sys.executable, "-m", "agents.cli", "router", str(path), "--listen", endpoint]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as router:
+        try:
+            assert router.stdout is not None
+            assert router.stdout.readline() == f"open to those who have the team's keys, at {endpoint}\n"
+            nobody = CliRunner().invoke(cli.app, ["status", str(path), "--seconds", "1"])
+            assert isinstance(nobody.exception, LinkError)
+            assert "nobody of the team searchparty is at" in str(nobody.exception)
+            router.terminate()
+            assert router.wait(10) == 0
+        finally:
+            router.kill()
