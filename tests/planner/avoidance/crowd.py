@@ -9,7 +9,7 @@ import numpy as np
 
 from planner.avoidance.guard import Guard
 
-STEP_S = 0.02
+STEP_S = 0.04
 POSE_S = 0.2
 
 

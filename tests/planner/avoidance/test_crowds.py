@@ -87,7 +87,7 @@ def test_aircraft_and_drones_share_the_air():
 @pytest.mark.parametrize("kind", KINDS)
 def test_two_streams_pass_through_each_other(kind, across):
     vehicle, separation, radius, seconds = CASES[kind]
-    gap = separation * (4.0 if kind != "fixed_wing" else 10.0)
+    gap = separation * (4.0 if kind != "fixed_wing" else 15.0)  # aircraft circle where they arrive
     count = 5 if kind != "fixed_wing" else 3
     starts, goals = {}, {}
     for i in range(count):
