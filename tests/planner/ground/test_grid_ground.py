@@ -97,7 +97,7 @@ def test_ways_are_nearly_as_short_as_the_shortest_through_middles_of_cells() -> 
     """Lazy Theta* is not optimal: in these mazes of single cells it loses 3% on average, never 8%."""
     lost = []
     a, b = np.array([0.5, 0.5]), np.array([9.5, 8.5])
-    for seed in range(12):
+    for seed in range(7):
         cells = random_cells(seed, 9, 10)
         cells[0, 0] = cells[8, 9] = OPEN
         ground = grid(cells)
@@ -111,7 +111,7 @@ def test_ways_are_nearly_as_short_as_the_shortest_through_middles_of_cells() -> 
         for length in (legs(way), legs(swept), far):
             assert exact - 1e-9 <= length <= 1.08 * exact
             lost.append(length / exact - 1.0)
-    assert len(lost) > 15
+    assert len(lost) > 12
     assert np.mean(lost) < 0.04
 
 

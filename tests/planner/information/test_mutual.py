@@ -7,8 +7,10 @@ from tests.planner.information import brute
 MANY = 4000  # Taylor terms, so that their error does not count
 
 
-@pytest.mark.parametrize("seed", range(6))
-@pytest.mark.parametrize(("events", "points"), [(1, 2), (2, 2), (3, 2), (2, 3)])
+@pytest.mark.parametrize(
+    ("events", "points", "seed"),
+    [(m, n, seed) for m, n, cases in ((1, 2, 6), (2, 2, 6), (3, 2, 6), (2, 3, 2)) for seed in range(cases)],
+)
 def test_it_is_that_of_all_targets_and_outcomes_enumerated(seed: int, events: int, points: int) -> None:
     detection, weights, clutter = brute.random_case(seed, events, points)
     weights = weights[:points] * (0.5 if points == 3 else 1.0)
