@@ -28,6 +28,7 @@ from planner.maasi.maasi import MaasiConfig, unplannable
 from planner.others import Others
 from planner.plan import Plan, PlannerSetup, PlanProblem
 
+FEWEST_REGIONS = 8  # also of small teams: in larger ones a robot finds no good way about
 LATE = "holds: its deadline was over before it knew its task"
 CUT_S = {
     "explore": 4e-3,
@@ -41,7 +42,7 @@ class CbbaConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     """How a team shares its tasks."""
 
     bundle: Count = 5  # tasks that a robot takes on, at most
-    regions_per_robot: Count = 2  # to explore, when nothing is explored
+    regions_per_robot: Count = 2  # to explore, when nothing is explored; 8 in all at least
     spacing_m: NonNegative = 10.0  # clusters nearer to each other than this are one task
     refine: NonNegative = 1.0  # worth of what is learnt of one target
     enough_m: Positive = 0.25  # standard deviation per axis at which a target is known well enough
@@ -69,7 +70,8 @@ class Cbba:
         self.config = config
         self.setup = setup
         self._rules = TaskRules(
-            regions=config.regions_per_robot * max(len(setup.vehicles), 1), spacing=config.spacing_m
+            regions=max(config.regions_per_robot * len(setup.vehicles), FEWEST_REGIONS),
+            spacing=config.spacing_m,
         )
         self._worth = Worth(
             refine=config.refine,
