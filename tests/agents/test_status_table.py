@@ -69,3 +69,16 @@ def test_what_is_wrong_stands_below_in_sentences_and_most_of_many_is_counted() -
     assert "! robot r0 is not there" in output
     assert "r3 is not there" not in output
     assert "and 6 more problems" in output
+
+
+def test_where_robots_share_tasks_it_says_how_many_each_holds_and_what_was_held_twice() -> None:
+    one = ProcessStatus("robot", "survey1", "moving", True, 0.23, 162, 161, 412.4, 1, 3)
+    dead = ProcessStatus("robot", "survey2", "moving", False, 9.0, 62, 61, 99.0, 0, 4)
+    status = TeamStatus("tasks", 61.7, 300.0, 4, 8, 8.26, 240, 0, (one, dead), held_twice_s=1.26)
+    lines = text(status).splitlines()
+    assert "tasks held twice 1.3 s" in lines[0]
+    assert next(line for line in lines if line.startswith("process")).split()[-5:] == [
+        *("sent", "stored", "tasks", "travelled", "restarts")
+    ]
+    assert next(line for line in lines if "survey1" in line).split()[-4:] == ["3", "412", "m", "1"]
+    assert next(line for line in lines if "survey2" in line).split()[-4:] == ["-", "99", "m", "-"]
