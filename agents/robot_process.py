@@ -2,7 +2,6 @@
 
 import asyncio
 import gc
-import os
 import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -33,7 +32,7 @@ from agents.outbox import Outbox
 from agents.plan_request import RobotSetup
 from agents.rehearsal import rehearse_robot
 from agents.robot import Robot
-from agents.shell import HEALTH_PERIOD_S, Shell, run_until_done
+from agents.shell import HEALTH_PERIOD_S, Shell, run_until_done, stand_back
 from agents.snapshot import fingerprint
 from agents.team import Team
 from agents.topics import (
@@ -80,7 +79,7 @@ async def _main(mission: Mission, robot_id: str, path: Path, connect: Sequence[s
     team = Team.of(mission)
     if isinstance(team.planner, TeamPlanner):
         raise MissionError(f"planner {mission.planner['kind']!r} needs a centre: use searchparty simulate")
-    os.nice(NICENESS)
+    stand_back(NICENESS)
     rehearse_robot(team, robot_id)
     gc.collect()
     gc.freeze()  # what lives now lives to the end: no collection needs to look at it

@@ -7,11 +7,13 @@ the agent's next wake or until something arrives.
 import asyncio
 import contextlib
 import math
+import os
 import secrets
 import signal
 import sys
 import time
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import psutil
@@ -41,6 +43,15 @@ SWITCH_INTERVAL_S = 0.0005  # a planner's Python part lets the measure clock in 
 def new_boot() -> str:
     """A name that no other start of any process has."""
     return secrets.token_hex(6)
+
+
+def stand_back(niceness: int) -> None:
+    """Let other processes of this computer go first."""
+    os.nice(niceness)
+    # Linux shares the cores between sessions first, and asks for the niceness of processes only within one.
+    if os.getsid(0) == os.getpid():
+        with contextlib.suppress(OSError):
+            Path("/proc/self/autogroup").write_text(str(niceness))
 
 
 class Shell:

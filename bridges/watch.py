@@ -56,11 +56,11 @@ def watch(
       searchparty watch missions/quickstart.toml --view web --record view.rrd
     """
     import asyncio
-    import os
 
     from agents import mission_file
+    from agents.shell import stand_back
 
-    os.nice(NICENESS)
+    stand_back(NICENESS)
     loaded = mission_file.load(mission)
     target = record if record is not None else None if out is None else out / "view.rrd"
     asyncio.run(_main(loaded, tuple(connect or ()), target, view, quiet))
