@@ -21,7 +21,18 @@ EVERYTHING = tuple(TOPICS)
 ROLES: dict[str, Role] = {
     "robot": Role(
         ("pose", "set", "plan", "bid", "belief", "clock", "health", "event"),
-        ("pose", "set", "plan", "bid", "request", "posterior", "picture", "state", "start"),
+        (
+            "pose",
+            "set",
+            "soft_observation",
+            "plan",
+            "bid",
+            "request",
+            "posterior",
+            "picture",
+            "state",
+            "start",
+        ),
     ),
     "fusion": Role(
         ("start", "posterior", "picture", "state", "ledger", "relay", "clock", "health", "event"),

@@ -86,6 +86,8 @@ class Workshop:
         workshop.members.setdefault(ROUTER, _Member(ROUTER))
         for role in STANDARD:
             workshop.enlist(role, role)
+        for fusion in mission.fusions():
+            workshop.enlist("fusion", fusion)
         for robot in mission.robots:
             workshop.enlist("robot", robot.id)
         return workshop

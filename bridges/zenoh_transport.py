@@ -23,7 +23,7 @@ import zenoh.ext
 from agents.errors import JoinError, LinkError
 from agents.mission import LinkTable
 from agents.roles import EXCLUSIVE
-from agents.topics import PICTURE, POSE, TRUTH, Topic, key
+from agents.topics import PICTURE, POSE, RELAY, STATE, TRUTH, Topic, key
 from agents.transport import Inbox, Peer, PeerChange, Received, Transport
 from bridges.keyring import Credentials, credentials
 from bridges.tls_trouble import tls_trouble
@@ -40,6 +40,8 @@ HEARTBEAT_S = 1.0  # a lost last message of a reliable topic is noticed within t
 _PRIORITY = {
     POSE.name: zenoh.Priority.DATA_HIGH,
     PICTURE.name: zenoh.Priority.DATA_LOW,
+    STATE.name: zenoh.Priority.DATA_LOW,
+    RELAY.name: zenoh.Priority.DATA_LOW,
     TRUTH.name: zenoh.Priority.DATA_LOW,
 }
 

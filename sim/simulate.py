@@ -159,6 +159,8 @@ def run_one(mission: Mission, seed: int, out: Path | None = None) -> Summary:
         if out is not None:
             directory = RunDirectory.create(mission, out / f"seed-{seed}")
             ledger = stack.enter_context(Ledger(directory.ledger))
+            for name, value in (("mission", mission.name), ("fusion", "fusion"), ("seed", str(seed))):
+                ledger.remember(name, value)
         team = Team.of(mission)
         if not _rehearsed:  # the first run of a process would wait for its kernels to be loaded
             rehearse_fusion(team)
