@@ -2,8 +2,8 @@
 
 It is told what happened and says what to do; see agents.machine for the seam. Plans are asked for ahead of
 the trajectory's end, so that the robot never stands still for one, and are conditioned on the other robots'
-committed plans. When two robots planned blind to each other, the one later in the mission's order plans
-again, once.
+committed plans. When two robots planned blind to each other, the one later in the mission's order, or the
+one that does not hold the task it plans for, plans again, once.
 """
 
 from collections.abc import Sequence
@@ -12,7 +12,6 @@ from dataclasses import replace
 import numpy as np
 
 from agents.allocation import Allocation
-from agents.alone import Alone
 from agents.belief import Belief
 from agents.departure import Lead, postponed
 from agents.devices import VehicleState
@@ -27,33 +26,30 @@ from agents.machine import (
     Planned,
     Publish,
     Reckoned,
-    Release,
     RequestPlan,
     Stamp,
-    Store,
 )
 from agents.measure_clock import MeasureClock
 from agents.messages import (
     BidMessage,
-    LedgerEntry,
     MeasurementSetMessage,
     PictureMessage,
     PlanMessage,
     PoseMessage,
     PosteriorMessage,
     RequestMessage,
-    StateMessage,
 )
 from agents.plan_request import RobotSetup, plan_problem
+from agents.robot_sets import OwnSets
 from agents.robot_words import blind, plan_message, pose_message
 from agents.topics import PLAN, POSE, SET
 from agents.transport import PeerChange
-from agents.unacknowledged import Unacknowledged
 from estimator.arrays import FloatArray
 from planner.plan import Plan, PlanProblem, Trajectory
 from planner.vehicles.route import routed
 
 LATE_FACTOR = 1.5  # a trajectory that takes this much longer than planned is given up
+AMENDED = "goes on after it was turned aside"
 NEAR_M = 1.0  # corners of the rest of a way are passed within this
 STAGGER_S = 10.0  # within this all of a large team have planned first, one after the other
 RETRY_S = 1.0  # after a plan that holds, the next is asked for this much later
@@ -75,11 +71,8 @@ class Robot:
         self.belief = Belief(
             self.id, self._area, tuple(mission.exploration.points), setup.sensors, setup.periods
         )
-        self.unacknowledged: Unacknowledged[MeasurementSetMessage] = Unacknowledged(
-            setup.boot, mission.settings.reoffer_after_s * max(1.0, setup.patience), setup.left
-        )
-        self._released: list[tuple[str, int]] = []  # acknowledged in this step
-        self.alone = None if setup.alone is None else Alone(setup.alone, self.id, now, setup.patience)
+        self._sets = OwnSets(setup, now)
+        self.unacknowledged, self.alone = self._sets.unacknowledged, self._sets.alone
         self.allocation: Allocation | None = None
         if setup.desk is not None and setup.follows_plans:
             self.allocation = Allocation(mission, self.id, setup.desk, setup.sensors, now, setup.patience)
@@ -100,13 +93,9 @@ class Robot:
         self._replanned_for = -1  # the version that was already replanned on a conflict
         # Were all to measure at once, each set would wait for the others'; nothing is gained by it.
         first = self._plan_at if setup.first_capture is None else setup.first_capture
-        self.measuring = MeasureClock(
-            setup.sensors[self.id],
-            self._period,
-            mission.trigger,
-            first,
-            own_times=setup.first_capture is not None,
-        )
+        own_times = setup.first_capture is not None
+        sensor, trigger = setup.sensors[self.id], mission.trigger
+        self.measuring = MeasureClock(sensor, self._period, trigger, first, own_times)
         self._pose_at = now
 
     def __repr__(self) -> str:
@@ -124,15 +113,13 @@ class Robot:
 
     def next_wake(self) -> float:
         """The team time at which `step` must be called even if nothing happens."""
-        times = [self.measuring.at, self._pose_at, self.unacknowledged.next_offer()]
+        times = [self.measuring.at, self._pose_at, self._sets.next_wake()]
         if self._next is not None:
             times.append(self._next.start_time)
         if self._awaited is None and self._setup.follows_plans:
             times.append(self._plan_at)
         if self.allocation is not None:
             times.append(self.allocation.next_wake())
-        if self.alone is not None:
-            times.append(self.alone.next_wake())
         return min(times)
 
     def step(self, now: float, body: VehicleState, events: Sequence[Event]) -> list[Action]:
@@ -143,8 +130,8 @@ class Robot:
                 self._hear(now, event)
             elif isinstance(event, Measured):
                 actions += self._take(event)
-            elif isinstance(event, Reckoned) and self.alone is not None:
-                self.alone.reckoned(event.number)
+            elif isinstance(event, Reckoned):
+                self._sets.reckoned(event.number)
             elif isinstance(event, Planned):
                 actions += self._decide(now, event, body)
             elif isinstance(event, Delayed):
@@ -156,8 +143,7 @@ class Robot:
                     self.belief.forget(event.peer.id)
                 if self.allocation is not None:
                     self.allocation.peer(now, event)
-        if self.alone is not None:
-            actions += self.alone.step(now, self.stamp, self.belief)
+        actions += self._sets.step(now, self.stamp, self.belief)
         self._progress(now, body)
         actions += self.measuring.measure(now, body.pose, self.belief)
         if self.allocation is not None:
@@ -166,11 +152,7 @@ class Robot:
             actions.append(self._request(now, body))
         if now >= self._pose_at:
             actions.append(self._publish_pose(now, body))
-        actions += [Publish(SET, message) for message in self.unacknowledged.due(now)]
-        if self._released:
-            actions.append(Release(self._released))
-            self._released = []
-        return actions
+        return actions + self._sets.due(now)
 
     # What is heard
 
@@ -178,20 +160,11 @@ class Robot:
         message = event.message
         if isinstance(message, PosteriorMessage):
             self.belief.hear_posterior(message, now)
-            self._released += self.unacknowledged.acknowledge(self.id, message)
-            if self.alone is not None:
-                self.alone.hear_posterior(now, message)
-        elif isinstance(message, StateMessage):
-            if self.alone is not None:
-                self.alone.hear_state(message)
         elif isinstance(message, PictureMessage):
             self.belief.hear_picture(message)
-        elif isinstance(message, LedgerEntry):
-            if isinstance(message, MeasurementSetMessage):
-                self.belief.hear_set(message)
-                self._looked(message)
-            if self.alone is not None:
-                self.alone.hear(message)
+        elif isinstance(message, MeasurementSetMessage):
+            self.belief.hear_set(message)
+            self._looked(message)
         elif isinstance(message, BidMessage | RequestMessage):
             if self.allocation is not None:
                 self.allocation.hear(now, message)
@@ -200,9 +173,10 @@ class Robot:
         elif isinstance(message, PlanMessage) and message.sender in self._order:
             self.belief.hear_plan(message)
             self._resolve_conflict(now, message)
+        self._sets.hear(now, message)
 
     def _resolve_conflict(self, now: float, theirs: PlanMessage) -> None:
-        """Both planned blind to each other: the later in the mission's order plans again, once."""
+        """Both planned blind to each other: the one that gives way plans again, once."""
         mine = self._next or self._trajectory
         if mine is None or self._replanned_for == self._plan_version:
             return
@@ -222,10 +196,7 @@ class Robot:
         )
         self.belief.looked(message.time, self.id, message.pose)
         self._looked(message)
-        self.unacknowledged.add(message)
-        if self.alone is not None:
-            self.alone.hear(message)
-        return [Store([message]), Publish(SET, message)]
+        return self._sets.take(message)
 
     def _looked(self, message: MeasurementSetMessage) -> None:
         if self.allocation is not None:
@@ -268,23 +239,13 @@ class Robot:
         self._plan_number += 1
         self._awaited = self._plan_number
         self.lead.asked(now)
-        problem = plan_problem(
-            self._setup,
-            self.belief,
-            self._plan_number,
-            now,
-            body,
-            self._trajectory,
-            self.lead.seconds,
-            self._held,
-            self._next,
-        )
+        where = (now, body, self._trajectory, self.lead.seconds, self._held, self._next)
+        problem = plan_problem(self._setup, self.belief, self._plan_number, *where)
         self._conditioned_on = {other.robot: other.version for other in problem.others if other.version >= 0}
         if self.allocation is not None:
             self._first, self._asked_at = self.allocation.first, now
-            problem = replace(
-                problem, context={**problem.context, "assignment": self.allocation.assignment()}
-            )
+            context = {**problem.context, "assignment": self.allocation.assignment()}
+            problem = replace(problem, context=context)
         return RequestPlan(self._plan_number, problem)
 
     def _decide(self, now: float, event: Planned, body: VehicleState) -> list[Action]:
@@ -320,12 +281,10 @@ class Robot:
             return [Follow(None)]
         rest = old.route[max(0, int(np.searchsorted(old.route_times, now, side="right")) - 1) :]
         way = routed(self._setup.vehicle, body.state, rest, body.time, self._period, near=NEAR_M)
-        self._trajectory = way
-        self._held = way.waypoint
+        self._trajectory, self._held = way, way.waypoint
         self._plan_at = max(way.end_time - self.lead.seconds, now)
         self._plan_version += 1
-        plan = Plan(way, "goes on after it was turned aside", task=self._task)
-        return [Follow(way), self._publish_plan(now, plan, way)]
+        return [Follow(way), self._publish_plan(now, Plan(way, AMENDED, task=self._task), way)]
 
     def _publish_plan(self, now: float, plan: Plan, way: Trajectory) -> Publish:
         header = self.stamp.header(PLAN, now)
