@@ -32,7 +32,7 @@ from agents.outbox import Outbox
 from agents.plan_request import RobotSetup
 from agents.rehearsal import rehearse_robot
 from agents.robot import Robot
-from agents.shell import HEALTH_PERIOD_S, Shell, run_until_done, stand_back
+from agents.shell import HEALTH_PERIOD_S, Shell, run_until_done
 from agents.snapshot import fingerprint
 from agents.team import Team
 from agents.topics import (
@@ -56,6 +56,7 @@ from planner.plan import Plan, PlanProblem, TeamPlanner
 # Robots; in a larger team a plan waits for the next step, which the robot's own poses cause, and others' sets
 # are listened to only once no fusion is there: the robots' caches then give what the last minute brought.
 FEW = 16
+CROWD_STAGGER_S = 0.2  # from a robot's first plan to the next one's: fifty at once would keep the fusion waiting
 
 
 def run(mission: Mission, robot_id: str, *, outbox: Path, connect: Sequence[str] = ()) -> int:
@@ -72,14 +73,10 @@ def run(mission: Mission, robot_id: str, *, outbox: Path, connect: Sequence[str]
     return run_until_done(partial(_main, mission, robot_id, outbox, connect))
 
 
-NICENESS = 4  # fifty robots that plan must not keep the fusion or the router of their computer waiting
-
-
 async def _main(mission: Mission, robot_id: str, path: Path, connect: Sequence[str]) -> int:
     team = Team.of(mission)
     if isinstance(team.planner, TeamPlanner):
         raise MissionError(f"planner {mission.planner['kind']!r} needs a centre: use searchparty simulate")
-    stand_back(NICENESS)
     rehearse_robot(team, robot_id)
     gc.collect()
     gc.freeze()  # what lives now lives to the end: no collection needs to look at it
@@ -160,6 +157,7 @@ class RobotProcess:
             follows_plans=vehicle.follows_plans,
             first_capture=sensor.next_capture(now - 1e-9),
             plan_lead_s=0.25 * max(1.0, shell.clock.speed),
+            stagger_s=0.1 if len(team.mission.robots) <= FEW else CROWD_STAGGER_S,
             speed=shell.clock.speed,
             patience=shell.clock.speed,
             desk=desk,
