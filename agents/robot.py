@@ -79,12 +79,12 @@ class Robot:
         self._task = ""  # that the committed plan is for
         self._first = ""  # the allocation's first task when the last plan was asked for
         self._asked_at = -np.inf
-        rank = self._order.index(self.id) if now < setup.stagger_s else 0
+        turn = self._order.index(self.id) * min(setup.stagger_s, STAGGER_S / len(self._order))
         self._trajectory: Trajectory | None = None  # being followed
         self._next: Trajectory | None = None  # committed, begins at its start_time
         self._held: FloatArray | None = None  # what is steered for where no trajectory is left
         self.lead = Lead(setup.plan_lead_s)
-        self._plan_at: float = now + rank * min(setup.stagger_s, STAGGER_S / len(self._order))
+        self._plan_at: float = max(now, turn)
         self._late_at = np.inf  # when the trajectory is given up if the robot was turned aside on it
         self._plan_number = 0
         self._awaited: int | None = None  # the request whose answer is awaited

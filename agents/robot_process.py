@@ -56,7 +56,7 @@ from planner.plan import Plan, PlanProblem, TeamPlanner
 # Robots; in a larger team a plan waits for the next step, which the robot's own poses cause, and others' sets
 # are listened to only once no fusion is there: the robots' caches then give what the last minute brought.
 FEW = 16
-CROWD_STAGGER_S = 0.2  # from a robot's first plan to the next one's: fifty at once would keep the fusion waiting
+CROWD_STAGGER_S = 0.2  # from a robot's first plan to the next one's: fifty at once keep the fusion waiting
 
 
 def run(mission: Mission, robot_id: str, *, outbox: Path, connect: Sequence[str] = ()) -> int:
