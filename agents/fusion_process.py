@@ -72,10 +72,11 @@ def run(
 
 async def _main(mission: Mission, path: Path, connect: Sequence[str], speed: float, name: str) -> int:
     team = Team.of(mission)
-    rehearse_fusion(team)
-    gc.collect()
-    gc.freeze()  # what lives now lives to the end: no collection needs to look at it
     with Ledger(path, synchronous=mission.fusion.synchronous) as ledger:
+        if ledger.fact("epoch") is None:  # else the team waits: what is applied again loads the kernels
+            rehearse_fusion(team)
+        gc.collect()
+        gc.freeze()  # what lives now lives to the end: no collection needs to look at it
         async with Shell(mission, "fusion", name, connect) as shell:
             for topic in (SET, SOFT_OBSERVATION, CLOCK, START):
                 shell.transport.subscribe(topic)
@@ -159,6 +160,8 @@ class FusionProcess:
             estimate, took = self._fusion.estimate, time.perf_counter() - began
             said = f" and {estimate.statements} soft observations" if estimate.statements else ""
             shell.announce(f"goes on with a ledger of {estimate.sets} sets{said} after {took:.2f} s")
+            self._step([])  # the posterior is out before anything else is done
+            rehearse_fusion(self._team)
             return True
         wanted = {robot.id for robot in shell.mission.robots}
         first = shell.name == shell.mission.fusions()[0]

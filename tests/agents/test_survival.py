@@ -1,16 +1,14 @@
 """Real processes on a real network, some of which are killed: no set is lost, and targets are still found."""
 
+import signal
 import time
 from pathlib import Path
 
 import psutil
 import pytest
 
-from agents.fusion import Fusion, FusionSetup
 from agents.ledger import Ledger
-from agents.mission_file import load
 from agents.outbox import Outbox
-from agents.team import Team
 from tests.agents.test_swarm import launched, of_run, robot, started, summary_of, wait_for, write_mission
 
 pytestmark = pytest.mark.processes
@@ -37,7 +35,7 @@ def edited(path: Path, *changes: tuple[str, str]) -> Path:
 
 def test_two_fusions_of_which_one_is_killed_and_a_killed_robot_lose_no_set(tmp_path: Path) -> None:
     mission = edited(
-        write_mission(tmp_path, duration=22, restart="always"),
+        write_mission(tmp_path, duration=600, restart="always"),
         ("seed = 3", "seed = 3\nstop_when_all_found = false"),
         ("[settings]", "[fusion]\nreplicas = 2\n\n[settings]"),
     )
@@ -48,29 +46,27 @@ def test_two_fusions_of_which_one_is_killed_and_a_killed_robot_lose_no_set(tmp_p
         fusion_of(out, "fusion").kill()
         time.sleep(0.2)
         robot(out, "r2").kill()
-        output, _ = swarm.communicate(timeout=100)
+        said = {name: out / f"{name}.log" for name in ("r2", "fusion", "fusion-2")}
+        wait_for(lambda: said["r2"].read_text().count("joined as boot") == 2, 60, "the second boot")
+        wait_for(lambda: "goes on with a ledger of" in said["fusion"].read_text(), 60, "the fusion")
+        time.sleep(6.0)
+        swarm.send_signal(signal.SIGTERM)
+        output, _ = swarm.communicate(timeout=20)
     assert "fusion died (SIGKILL); will be started again" in output
-    assert "goes on with a ledger of" in (out / "fusion.log").read_text()
-    assert "joins the team that fusion has started" in (out / "fusion-2.log").read_text()
-    assert summary_of(out)["targets_found"] == 4, output
-    settled = 22.0 - 5.0  # what was taken in the last moments may have reached one of the two
-    held, states = [], []
+    assert "joins the team that fusion has started" in said["fusion-2"].read_text()
+    with Ledger(out / "ledger.sqlite", read_only=True) as ledger:
+        settled = max(row.capture_time for row in ledger.rows()) - 5.0  # the last may have reached one of two
+    held = []
     for name in ("ledger.sqlite", "ledger-fusion-2.sqlite"):
         with Ledger(out / name, read_only=True) as ledger:
             rows = [row for row in ledger.rows() if row.capture_time < settled]
             held.append(sorted((row.robot, row.boot, row.sequence, row.message) for row in rows))
-            team = Team.of(load(out / "mission.toml"))
-            setup = FusionSetup(team.mission, "fusion", "b", team.search(), team.sensor_models, ledger)
-            fusion = Fusion(setup, team.mission.seed)
-            fusion.restore()
-            states.append(fusion.search_state.found)
     assert held[0] == held[1]
     boots = {(who, boot) for who, boot, _, _ in held[0]}
     assert len(boots) == 4  # r2 has two
     for stream in boots:
         numbers = [n for who, boot, n, _ in held[0] if (who, boot) == stream]
         assert numbers == list(range(len(numbers))), f"{stream} has gaps"
-    assert states[0].shape == states[1].shape == (2, 4)
 
 
 def test_robots_find_all_targets_after_the_only_fusion_is_killed_for_good(tmp_path: Path) -> None:
