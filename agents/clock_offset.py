@@ -47,7 +47,8 @@ class ClockOffset:
         took, held = e.heard - e.asked, e.answered - e.received
         if not (math.isfinite(took) and math.isfinite(held) and took >= 0.0 and held >= 0.0):
             return False
-        slack = self._drift * took
+        rounding = 4.0 * math.ulp(max(abs(e.asked), abs(e.received), abs(e.answered), abs(e.heard)))
+        slack = self._drift * took + rounding
         low, high = e.answered - e.heard - slack, e.received - e.asked + slack
         if not (math.isfinite(low) and math.isfinite(high) and low <= high):
             return False
