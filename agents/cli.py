@@ -174,7 +174,6 @@ def robot(
 
     resolved = load(mission)  # a wrong mission is told before anything else is imported
     from agents import robot_process
-
     from agents.run_directory import RunDirectory
 
     outbox = RunDirectory(out).outbox_of(robot_id)
