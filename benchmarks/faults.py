@@ -45,7 +45,7 @@ class Level:
 LEVELS = (
     Level("none", 0.0),
     *(Level("loss", loss, loss=loss) for loss in (0.15, 0.3, 0.45, 0.6)),
-    *(Level("delay", delay, delay_s=delay) for delay in (0.5, 2.0, 5.0, 10.0)),
+    *(Level("delay", delay, delay_s=delay) for delay in (0.5, 1.0, 2.0, 5.0)),
     *(Level("killed", float(killed), killed=killed) for killed in (1, 2, 3)),
     Level("asked", 0.0, loss=0.3, killed=1),
     Level("asked", 1.0, loss=0.3, killed=1, datagrams=False),
