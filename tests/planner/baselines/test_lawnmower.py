@@ -7,7 +7,7 @@ from estimator.filter import Area
 from estimator.sensors.range_bearing import RangeBearing
 from planner.baselines.lawnmower import Lawnmower
 from planner.baselines.mowing import reach_width, share
-from tests.planner import contract
+from tests.planner import contract, walled
 from tests.planner.problems import NumpySensor
 
 BOXES = [([0, 0], [100, 60]), ([-20, 5], [10, 105]), ([0, 0, 0], [260, 260, 260]), ([0, 0, 5], [9, 90, 35])]
@@ -118,6 +118,18 @@ def test_a_blocked_turn_is_passed_over() -> None:
     plan = Lawnmower(Lawnmower.Config(swath_m=20.0), setup).plan(held)
     assert plan.trajectory is not None
     assert plan.terms["turn"] > free.terms["turn"]
+
+
+def test_where_the_end_of_a_line_is_walled_in_it_goes_as_near_as_it_can_and_never_stops() -> None:
+    setup = walled.team("ground_2d", "a")  # a yard closed all around lies on the line's end
+    assert setup.ground is not None
+    planner = Lawnmower(Lawnmower.Config(swath_m=20.0), setup)
+    plans = mown(setup, "a", planner, contract.state(setup, "a", 4.0, 4.0, 0.0), 16)
+    assert all(plan.trajectory is not None for plan in plans), plans[-1].reason
+    ways = np.vstack([plan.trajectory.poses[:, :2] for plan in plans])
+    assert setup.ground.clear(np.ascontiguousarray(ways.T)).all()
+    assert any("before its end" in plan.reason for plan in plans)
+    assert max(plan.terms["sweep"] for plan in plans) > 1
 
 
 def test_asked_twice_it_answers_the_same() -> None:
