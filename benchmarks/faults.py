@@ -143,34 +143,26 @@ def picture(rows: list[dict[str, Any]], path: Path) -> None:
         ("delay", "delay of each message (s)"),
         ("killed", "robots killed, of 4"),
     )
-    figure, grid = plt.subplots(2, 3, figsize=(10.5, 5.6), sharey="row", layout="constrained")
+    figure, grid = plt.subplots(2, 3, figsize=(10.5, 5.6), sharex="col", sharey="row", layout="constrained")
     for column, (axis, label) in enumerate(axes_of):
         points = [rows[0], *(row for row in rows if row["axis"] == axis)]
         x = [row["value"] for row in points]
-        for axes, key, name in (
-            (grid[0, column], "time_s", "time to all found (s)"),
-            (grid[1, column], "gospa_m", "GOSPA at the end (m)"),
-        ):
+        for axes, key in ((grid[0, column], "time_s"), (grid[1, column], "gospa_m")):
             y = [np.nan if row[key]["mean"] is None else row[key]["mean"] for row in points]
             half = [row[key]["half_width_95"] or 0.0 for row in points]
             axes.errorbar(x, y, yerr=half, marker="o", capsize=3, color="tab:blue")
-            axes.set_ylim(bottom=0)
             axes.grid(alpha=0.3)
-            if column == 0:
-                axes.set_ylabel(name)
-            if key == "time_s":
-                for a, b, row in zip(x, y, points, strict=True):
-                    if row["all_found"] < row["runs"] and np.isfinite(b):
-                        axes.annotate(
-                            f"{row['all_found']}/{row['runs']}",
-                            (a, b),
-                            textcoords="offset points",
-                            xytext=(0, 8),
-                            ha="center",
-                            fontsize=8,
-                        )
-            else:
-                axes.set_xlabel(label)
+        for row in points:
+            if row["all_found"] < row["runs"]:
+                text = f"{row['all_found']} of {row['runs']}"
+                place = (row["value"], 0.05)
+                across = grid[0, column].get_xaxis_transform()
+                grid[0, column].annotate(text, place, xycoords=across, ha="center", fontsize=7)
+        grid[1, column].set_xlabel(label)
+    for axes, name in zip(grid[:, 0], ("time to all found (s)", "GOSPA at the end (m)"), strict=True):
+        axes.set_ylabel(name)
+        axes.set_ylim(bottom=0)
+    grid[1, 0].set_ylim(top=1.3 * max(row["gospa_m"]["mean"] for row in rows))
     figure.savefig(path, dpi=110)
     plt.close(figure)
 
