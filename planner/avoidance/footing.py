@@ -29,10 +29,7 @@ class Footing:
         return self._ground is None
 
     def holds(self, here: FloatArray, motion: FloatArray) -> bool:
-        """Whether the way from `here` (3,) to a motion (COLUMNS,) after a tick, and its halt, are clear.
-
-        From a place that is not clear itself, one may go to any that is.
-        """
+        """Whether the way from `here` (3,) to a motion (COLUMNS,) after a tick, and its halt, are clear."""
         if self._ground is None:
             return True
         duration = settling(motion)
@@ -41,6 +38,12 @@ class Footing:
         places[0], places[1] = here, motion[:3]
         for k in range(corners):
             halted(motion, duration * (k + 1) / corners, places[k + 2])
+        return self.along(places)
+
+    def along(self, places: FloatArray) -> bool:
+        """Whether the way through places (k, 3) is clear. From one that is not, one may go to any that is."""
+        if self._ground is None:
+            return True
         points = places.T[: self._dimension].copy()
         if not self._ground.clear(points[:, :1])[0]:
             return bool(self._ground.clear(points[:, -1:])[0])

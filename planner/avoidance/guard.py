@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.arrays import FloatArray, IntArray
+from estimator.arrays import BoolArray, FloatArray, IntArray
 from planner.avoidance.barrier import allowed
 from planner.avoidance.choices import SHARES, directions, fan, prices, soonest
 from planner.avoidance.footing import Footing
@@ -24,10 +24,11 @@ TICK_S = 0.1  # between decisions while out of the way
 WATCH_S = (1.5, 0.25)  # between decisions while somebody is near; the first for which the way is clear
 LATE_S = 0.05  # that a decision may come later
 RESUME_S = 0.2  # for which the planned way must be allowed before it is taken again
-TURNED_S = 1.0  # after which a vehicle is on its way back to the plan
+SWING_S, SWINGS = 4.0, 16  # until a vehicle is on its way back to the plan, and looks at that meanwhile
 CALM_S = 0.5  # ticks go on this long after the last deviation
-FORESIGHT_S = 1.0  # so much longer than a halt takes does a robot look ahead for whom it would meet
+FORESIGHT_S = 2.0  # so much longer than a halt takes does a robot look ahead for whom it would meet
 TRIES = 10  # motions that the barrier is asked about; all, of a robot that is stuck
+KEEP_ON = 0.1  # how much cheaper the direction of the last way out is
 STUCK = 0.1  # share of its speed below which a robot that is off its way is stuck
 STUCK_S, TURN_S = 1.5, 1.5  # it backs off after this long, and this much later for each of higher id there
 RETREAT_S, RETREAT_DEG = 4.0, 120.0  # so long, and so far to the right of its way
@@ -47,6 +48,11 @@ class _Near:
         """Whether the barrier allows a motion (COLUMNS,) that the robot would have after `tick` seconds."""
         own, others = self.own, self.others
         return bool(allowed(own, after[None], others, self.ages, self.keeps, self.bases, tick)[0][0])
+
+    def close(self) -> BoolArray:
+        """(j,) who stands in its way, rather than far off."""
+        gaps = np.linalg.norm(self.others[:, :3] - self.own[:3], axis=1)
+        return np.asarray(gaps < 2.0 * self.keeps)
 
     def met_after(self, velocity: FloatArray) -> float:
         """Seconds until it comes too near to anybody with a velocity (3,)."""
@@ -83,6 +89,7 @@ class Guard:
         self._stuck_since = -math.inf
         self._backing_until = -math.inf
         self._retreat = np.zeros(3)
+        self._heading = np.zeros(3)  # of the last way out
         self._halting = False
         self._stop_at = np.zeros(3)
         self.watching = False  # whether somebody is near enough to matter
@@ -122,12 +129,12 @@ class Guard:
         self.watching = cut_off or rows.size > 0
         if cut_off:
             return self._turned(now, self._halt(state, own))
-        if not self.watching:
+        if not self.watching and (not self.diverted or self._footing.open):
             self.diverted, self._halting = False, False
             self._next = now + max(quiet, WATCH_S[0])
             return None
         near = _Near(own, self._neighbours.motions[rows], ages, keeps, self._neighbours.limits[rows, KEEP])
-        backs = self._backs_off(now, own, waypoint, rows)
+        backs = self._backs_off(now, own, waypoint, rows[near.close()])
         goal = self._retreat if backs else self._footing.toward(now, own[:3], waypoint, self.diverted)
         begun = self._model.begin(state, goal) if self.diverted else state
         calm = not self.diverted and now >= self._calm_at
@@ -138,7 +145,9 @@ class Guard:
             else:
                 planned = self._after(begun, goal, look)
             ahead = settling(planned) + FORESIGHT_S
-            if not near.allows(planned, look) or near.met_after(planned[6:9]) < ahead:
+            # One that has still to turn, or to speed up, would not meet anybody: where it will go counts.
+            going = self._wanted(own, goal) if self.diverted else planned[6:9]
+            if not near.allows(planned, look) or near.met_after(going) < ahead:
                 continue
             if self.diverted and not self._leads_back(own, begun, goal, planned):
                 continue
@@ -151,10 +160,14 @@ class Guard:
         return self._turned(now, self._aside(now, state, near, goal, ahead))
 
     def _leads_back(self, own: FloatArray, state: FloatArray, goal: FloatArray, soon: FloatArray) -> bool:
-        """Whether the ground is clear on the way back to the plan, now and after it turned that way."""
-        if not self._footing.holds(own[:3], soon):
-            return False
-        return self._footing.open or self._footing.holds(soon[:3], self._after(state, goal, TURNED_S))
+        """Whether the ground is clear on the way back to the plan, however wide the vehicle swings."""
+        if self._footing.open:
+            return True
+        places, steps = [own[:3]], max(1, round(SWING_S / SWINGS / self._model.control_period))
+        for _ in range(SWINGS):
+            state = self._model.advance(state, goal, steps)
+            places.append(self._model.pose(state)[:3])
+        return self._footing.holds(own[:3], soon) and self._footing.along(np.array(places))
 
     def _aside(
         self, now: float, state: FloatArray, near: "_Near", goal: FloatArray, ahead: float
@@ -166,14 +179,25 @@ class Guard:
         fastest = max(float(np.linalg.norm(wanted)), 0.3 * speed)
         velocities = fan(self._directions, wanted, fastest, self._shares)
         cost = prices(velocities, wanted, speed, own, near.others, near.ages, near.keeps, ahead)
+        if self.diverted:
+            cost -= (
+                KEEP_ON * (velocities @ self._heading) / np.maximum(np.linalg.norm(velocities, axis=1), 1e-9)
+            )
         tries = TRIES if now - self._stuck_since < STUCK_S else cost.size
         for i in np.argsort(cost, kind="stable")[:tries]:
             way = self._evader.steer(state, velocities[i])
             after = self._after(self._model.begin(state, way), way, tick)
+            if self._limits.swerving > 0 and not near.allows(self._turned_to(own, velocities[i]), tick):
+                continue  # turning on the spot is always allowed, but of no use
             if near.allows(after, tick) and self._footing.holds(own[:3], after):
                 self._halting = False
+                self._heading = velocities[i] / max(float(np.linalg.norm(velocities[i])), 1e-9)
                 return way
         return self._halt(state, own)
+
+    def _turned_to(self, own: FloatArray, velocity: FloatArray) -> FloatArray:
+        """The motion (COLUMNS,) at a velocity (3,) that it has turned to, a step further."""
+        return self._limits.motion(own[:3] + velocity * TICK_S, velocity, velocity)
 
     def _turned(self, now: float, way: FloatArray) -> FloatArray:
         self.diverted = True
