@@ -39,7 +39,7 @@ class View(StrEnum):
 
 def _complete_mission(incomplete: str) -> list[str]:
     """Names of examples, mission files, and directories on the way to them."""
-    from agents.mission_file import examples
+    from agents.mission.mission_file import examples
 
     head, _, tail = incomplete.rpartition("/")
     directory = Path(head or ("/" if incomplete.startswith("/") else ".")).expanduser()
@@ -60,7 +60,7 @@ def _complete_mission(incomplete: str) -> list[str]:
 
 def _complete_robot(ctx: typer.Context, incomplete: str) -> list[str]:
     """The ids of the robots in the mission that was typed before."""
-    from agents.mission_file import load
+    from agents.mission.mission_file import load
 
     try:
         robots = load(ctx.params["mission"]).robots
@@ -135,13 +135,13 @@ def swarm(
     """
     from contextlib import nullcontext
 
-    from agents.nursery import Nursery
+    from agents.process.nursery import Nursery
 
     with Nursery.start(mission) or nullcontext() as nursery:  # first of all: it loads while we do
-        from agents.mission_file import load
+        from agents.mission.mission_file import load
 
         resolved = load(mission, seed=seed, duration=duration)
-        from agents import swarm as launcher
+        from agents.swarm import swarm as launcher
 
         status = launcher.run(resolved, out=out, speed=speed, view=view.value, nursery=nursery)
     raise typer.Exit(status)
@@ -170,11 +170,11 @@ def robot(
     Example:
       searchparty robot mission.toml --id r1 --connect tcp/192.0.2.1:7447
     """
-    from agents.mission_file import load
+    from agents.mission.mission_file import load
 
     resolved = load(mission)  # a wrong mission is told before anything else is imported
-    from agents import robot_process
-    from agents.run_directory import RunDirectory
+    from agents.process import robot_process
+    from agents.swarm.run_directory import RunDirectory
 
     outbox = RunDirectory(out).outbox_of(robot_id)
     raise typer.Exit(robot_process.run(resolved, robot_id, outbox=outbox, connect=connect or []))
@@ -203,11 +203,11 @@ def fusion(
     Example:
       searchparty fusion mission.toml --out runs/today --connect tcp/192.0.2.1:7447
     """
-    from agents.mission_file import load
+    from agents.mission.mission_file import load
 
     resolved = load(mission, seed=seed)
-    from agents import fusion_process
-    from agents.run_directory import RunDirectory
+    from agents.process import fusion_process
+    from agents.swarm.run_directory import RunDirectory
 
     directory = _existing(out) if out is not None else RunDirectory.create(resolved, None).path
     ledger = RunDirectory(directory).ledger_of(name)
@@ -239,7 +239,7 @@ def check(
       searchparty check quickstart > my_mission.toml
       searchparty check quickstart --json
     """
-    from agents.mission_check import check as run
+    from agents.mission.mission_check import check as run
 
     raise typer.Exit(run(mission, as_json=as_json))
 
@@ -264,8 +264,8 @@ def warm(
     """
     from rich.console import Console
 
-    from agents import warm as kernels
-    from agents.mission_file import load
+    from agents.mission.mission_file import load
+    from agents.process import warm as kernels
 
     kernels.ensure(Console(stderr=True), None if mission is None else load(mission))
 

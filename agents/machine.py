@@ -1,18 +1,18 @@
 """The seam between the pure agents and their two drivers.
 
 An agent is a state machine: `step(now, ..., events) -> actions`, woken at `next_wake()` or when an event
-comes. It reads no clock, opens no socket and starts no thread. The process shell (agents.shell) and the
-virtual-time engine (sim.engine) run the same objects, so what is shown in one holds in the other.
+comes. It reads no clock, opens no socket and starts no thread. The process shell (agents.process.shell) and
+the virtual-time engine (sim.engine.engine) run the same objects, so what is shown in one holds in the other.
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TypedDict
 
-from agents.history import Checkpoint, Identity, Key
-from agents.messages import LedgerEntry, Message
-from agents.topics import Topic
-from agents.transport import PeerChange
+from agents.ledger.history import Checkpoint, Identity, Key
+from agents.wire.messages import LedgerEntry, Message
+from agents.wire.topics import Topic
+from agents.wire.transport import PeerChange
 from estimator.arrays import FloatArray
 from planner.plan import Plan, PlanProblem, Trajectory
 

@@ -9,12 +9,12 @@ from typing import Any
 import msgspec
 
 from agents import plugins
-from agents.alone import AloneSetup
 from agents.devices import DeviceContext, Sensor, Vehicle, World
 from agents.errors import MissionError
-from agents.ground import team_ground
-from agents.mission import Mission, RobotTable, start_pose
-from agents.tables import convert
+from agents.mission.ground import team_ground
+from agents.mission.mission import Mission, RobotTable, start_pose
+from agents.mission.tables import convert
+from agents.robot.alone import AloneSetup
 from estimator.filter import Area, Filter
 from estimator.maps.line_of_sight import LineOfSight
 from estimator.maps.sight import Sight

@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from agents.supervisor import ONE_THREAD
+from agents.swarm.supervisor import ONE_THREAD
 from benchmarks import report, results
 
 HERE = Path(__file__).resolve().parent

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 from scipy.stats import ks_2samp, mannwhitneyu
 
-from agents.mission_file import load
-from sim.simulate import parse_seeds, run_all
+from agents.mission.mission_file import load
+from sim.simulate.simulate import parse_seeds, run_all
 
 MEASURES = ("time_to_all_found_s", "measurements_to_all_found", "rmse_m")
 

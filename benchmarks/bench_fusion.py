@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 import tomli_w
 
-from agents.fusion import Fusion, FusionSetup
-from agents.ledger import Ledger
+from agents.fusion.fusion import Fusion, FusionSetup
+from agents.ledger.ledger import Ledger
+from agents.ledger.snapshot import fingerprint
 from agents.machine import Heard, Keep, Store
-from agents.messages import MeasurementSetMessage
-from agents.mission import start_pose
-from agents.mission_file import load
+from agents.mission.mission import start_pose
+from agents.mission.mission_file import load
 from agents.seeds import generator
-from agents.snapshot import fingerprint
 from agents.team import Team
-from agents.topics import SET
+from agents.wire.messages import MeasurementSetMessage
+from agents.wire.topics import SET
 from benchmarks import swarms
 
 ROBOTS, SETS = 8, 10_000

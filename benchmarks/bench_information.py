@@ -135,9 +135,7 @@ def test_mi_deadline_overrun(benchmark: Any) -> None:
             late.append(1e3 * (time.thread_time() - began - deadline))
     plans = benchmark.pedantic(planner.plan_jointly, args=(asked,), rounds=10)
     assert any(plan.trajectory is not None for plan in plans)
-    note = (
-        f"with 100 ms; the latest of 48 took {max(late):.2f} ms (processor) over, asked 2"
-    )
+    note = f"with 100 ms; the latest of 48 took {max(late):.2f} ms (processor) over, asked 2"
     benchmark.extra_info.update(asked=102.0, unit="ms", note=note)
 
 

@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from agents import codec
-from agents.messages import MeasurementSetMessage
-from agents.mission import LinkTable
-from agents.topics import SET
-from agents.transport import Peer, Transport
-from bridges.zenoh_router import Router
-from bridges.zenoh_transport import ZenohTransport
+from agents.mission.mission import LinkTable
+from agents.wire import codec
+from agents.wire.messages import MeasurementSetMessage
+from agents.wire.topics import SET
+from agents.wire.transport import Peer, Transport
+from bridges.zenoh.local_router import Router
+from bridges.zenoh.transport import ZenohTransport
 from tests.bridges.zenoh_child import TEAM
 
 DEADLINE_S = 5.0

@@ -6,11 +6,11 @@ from typing import Any
 import msgspec
 import pytest
 
-from agents.mission import Mission
+from agents.mission.mission import Mission
 from agents.team import Team
 from benchmarks import swarms
-from sim.conditions import NetworkConditions
-from sim.engine import Engine
+from sim.engine.engine import Engine
+from sim.network.conditions import NetworkConditions
 
 REACH_M = 150.0  # of a robot's radio: fusion and robots hear each other everywhere, robots only so far
 STEP_M = 60.0  # between robots at the start

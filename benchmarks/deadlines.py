@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from agents.mission_file import load
+from agents.mission.mission_file import load
 from agents.plugins import kinds
 from agents.plugins import load as plugin
 from agents.team import Team

@@ -17,14 +17,14 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from agents.mission import Mission
-from agents.mission_file import load
-from agents.run_directory import write_json
-from sim.campaign import run
-from sim.conditions import NetworkConditions
-from sim.faults import AnyFault, Kill, Schedule, Weather
-from sim.simulate import parse_seeds
-from sim.statistics import mean_with_interval
+from agents.mission.mission import Mission
+from agents.mission.mission_file import load
+from agents.swarm.run_directory import write_json
+from sim.campaign.campaign import run
+from sim.campaign.faults import AnyFault, Kill, Schedule, Weather
+from sim.network.conditions import NetworkConditions
+from sim.simulate.simulate import parse_seeds
+from sim.simulate.statistics import mean_with_interval
 
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 KILL_AT_S = 20.0

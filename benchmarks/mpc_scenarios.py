@@ -14,14 +14,14 @@ import msgspec
 import numpy as np
 import typer
 
-from agents.messages import MeasurementSetMessage, Message, PosteriorMessage
-from agents.mission import Mission
-from agents.mission_file import load
+from agents.mission.mission import Mission
+from agents.mission.mission_file import load
 from agents.team import Team
-from agents.topics import Topic
-from sim.engine import Engine
-from sim.simulate import parse_seeds
-from sim.statistics import mean_with_interval
+from agents.wire.messages import MeasurementSetMessage, Message, PosteriorMessage
+from agents.wire.topics import Topic
+from sim.engine.engine import Engine
+from sim.simulate.simulate import parse_seeds
+from sim.simulate.statistics import mean_with_interval
 
 
 @dataclass(frozen=True)

@@ -21,9 +21,10 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from agents import mission_file, plugins
+from agents import plugins
+from agents.mission import mission_file
+from agents.mission.tables import convert
 from agents.seeds import generator
-from agents.tables import convert
 from agents.team import Team
 from estimator.arrays import FloatArray
 from estimator.filter import Area, Clusters, Filter

@@ -13,11 +13,11 @@ from typing import Annotated, Any
 import msgspec
 import typer
 
-from agents.mission import Mission, TriggerTable
-from agents.mission_file import load
-from sim.compare import with_planner
-from sim.simulate import parse_seeds, run_all
-from sim.statistics import mean_with_interval
+from agents.mission.mission import Mission, TriggerTable
+from agents.mission.mission_file import load
+from sim.simulate.compare import with_planner
+from sim.simulate.simulate import parse_seeds, run_all
+from sim.simulate.statistics import mean_with_interval
 
 PLANNERS = "maasi,maasi_joint,as_steps,mi,nearest_widest,lawnmower,thompson,cbba"
 NEVER = 1e9  # a threshold that no look reaches: measured at waypoints only

@@ -7,13 +7,13 @@ from typing import Any
 
 import psutil
 
-from agents.mailbox import Mailbox
-from agents.messages import BidMessage
-from agents.mission_file import load
-from agents.topics import BID
-from agents.transport import Peer
+from agents.mission.mission_file import load
+from agents.wire.mailbox import Mailbox
+from agents.wire.messages import BidMessage
+from agents.wire.topics import BID
+from agents.wire.transport import Peer
 from benchmarks import swarms
-from bridges.zenoh_transport import ZenohTransport
+from bridges.zenoh.transport import ZenohTransport
 
 SETTLE_S = 6.0  # after the last robot was heard for the first time
 PATIENCE_S = 30.0

@@ -2,13 +2,13 @@
 
 from collections import defaultdict
 
-from agents import codec
+from agents.fusion.watermark import counted
 from agents.invariants.connections import Truth
 from agents.invariants.history import RunHistory
 from agents.invariants.report import Report
 from agents.invariants.sets import acknowledged
-from agents.messages import LedgerEntry, PosteriorMessage
-from agents.watermark import counted
+from agents.wire import codec
+from agents.wire.messages import LedgerEntry, PosteriorMessage
 
 SAFETY = "crash safety"
 

@@ -13,14 +13,14 @@ from typing import Any, BinaryIO, Literal
 import msgpack
 import msgspec
 
-from agents import codec
 from agents.errors import DataError, MalformedMessage, StorageError
-from agents.ledger import Ledger
-from agents.messages import LedgerEntry, Message
-from agents.mission import Mission
-from agents.mission_file import load
-from agents.run_directory import RunDirectory
-from agents.topics import TOPICS
+from agents.ledger.ledger import Ledger
+from agents.mission.mission import Mission
+from agents.mission.mission_file import load
+from agents.swarm.run_directory import RunDirectory
+from agents.wire import codec
+from agents.wire.messages import LedgerEntry, Message
+from agents.wire.topics import TOPICS
 
 FILE = "history.msgpack"
 _LENGTH = struct.Struct("<I")

@@ -7,16 +7,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from agents.fusion import Fusion, FusionSetup
+from agents.fusion.fusion import Fusion, FusionSetup
+from agents.fusion.watermark import covers, source
 from agents.invariants.connections import Truth
 from agents.invariants.history import RunHistory
 from agents.invariants.report import Report
 from agents.invariants.sets import ECHO, TWICE
 from agents.machine import Heard, Publish
-from agents.messages import LedgerEntry, MeasurementSetMessage, PosteriorMessage
 from agents.team import Team
-from agents.topics import SET, SOFT_OBSERVATION
-from agents.watermark import covers, source
+from agents.wire.messages import LedgerEntry, MeasurementSetMessage, PosteriorMessage
+from agents.wire.topics import SET, SOFT_OBSERVATION
 
 DETERMINISM = "determinism"
 _BATCH = 64

@@ -7,7 +7,7 @@ import numpy as np
 from agents.invariants.connections import Truth
 from agents.invariants.history import RunHistory
 from agents.invariants.report import Report
-from agents.messages import HealthMessage
+from agents.wire.messages import HealthMessage
 
 RESOURCES = "bounded resources"
 WARM_S = 30.0  # memory is looked at from then on

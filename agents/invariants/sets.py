@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from agents.fusion.watermark import covered
 from agents.invariants.connections import Interval, Life, Truth
 from agents.invariants.history import RunHistory
 from agents.invariants.report import Report
-from agents.messages import LedgerEntry, MeasurementSetMessage, PosteriorMessage
-from agents.mission import Mission
-from agents.unacknowledged import LONGEST
-from agents.watermark import covered
+from agents.mission.mission import Mission
+from agents.robot.unacknowledged import LONGEST
+from agents.wire.messages import LedgerEntry, MeasurementSetMessage, PosteriorMessage
 
 LOST = "no set lost"
 TWICE = "none twice"

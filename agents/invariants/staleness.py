@@ -5,8 +5,8 @@ from collections import defaultdict
 from agents.invariants.connections import Truth, overlap
 from agents.invariants.history import RunHistory
 from agents.invariants.report import Report
-from agents.messages import MeasurementSetMessage, PoseMessage
-from agents.topics import TOPICS
+from agents.wire.messages import MeasurementSetMessage, PoseMessage
+from agents.wire.topics import TOPICS
 
 STALE = "bounded staleness"
 SLACK_S = 0.05  # of a control loop in virtual time

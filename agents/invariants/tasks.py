@@ -5,8 +5,8 @@ from collections import defaultdict
 from agents.invariants.connections import Interval, Life, Truth, without
 from agents.invariants.history import RunHistory
 from agents.invariants.report import Report
-from agents.messages import BidMessage
-from agents.mission import Mission
+from agents.mission.mission import Mission
+from agents.wire.messages import BidMessage
 
 TASKS = "conflict-free tasks"
 

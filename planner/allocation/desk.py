@@ -1,7 +1,7 @@
 """One robot's part in sharing tasks: which there are, as it believes, and what they are worth to it.
 
-Who does what is settled between the robots (see `cbba`; agents.allocation carries it over the network); the
-planner then takes it as given, as an `Assignment`.
+Who does what is settled between the robots (see `cbba`; agents.allocation.allocation carries it over the
+network); the planner then takes it as given, as an `Assignment`.
 """
 
 from collections.abc import Iterable, Mapping

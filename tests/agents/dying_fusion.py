@@ -15,11 +15,11 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from agents import estimate
-from agents.ledger import Ledger
+from agents.fusion import estimate
+from agents.ledger.ledger import Ledger
 from agents.machine import Action, Heard, Keep, Publish, Store
-from agents.messages import LedgerEntry, PosteriorMessage
-from agents.topics import SET
+from agents.wire.messages import LedgerEntry, PosteriorMessage
+from agents.wire.topics import SET
 from tests.agents.ledger_story import Stage, team
 
 MARK_EVERY = 16  # so that there are checkpoints to die at

@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 
 from agents.devices import VehicleState
-from agents.mission import Mission
+from agents.mission.mission import Mission
 from estimator.arrays import FloatArray
 from estimator.sensor import Look
 from planner.plan import Plan, Predictions, Trajectory

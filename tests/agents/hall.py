@@ -13,14 +13,14 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from agents import codec
-from agents.allocation import Allocation
+from agents.allocation.allocation import Allocation
+from agents.allocation.ownership import Ownership
 from agents.machine import Publish, Stamp
-from agents.messages import BidMessage, EventMessage, Message
-from agents.mission import RobotTable
-from agents.ownership import Ownership
-from agents.topics import BID, TOPICS
-from agents.transport import Peer, PeerChange
+from agents.mission.mission import RobotTable
+from agents.wire import codec
+from agents.wire.messages import BidMessage, EventMessage, Message
+from agents.wire.topics import BID, TOPICS
+from agents.wire.transport import Peer, PeerChange
 from planner.allocation.desk import BidRules, Desk
 from planner.allocation.tasks import TaskRules
 from planner.allocation.valuation import Worth

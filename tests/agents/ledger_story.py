@@ -9,17 +9,17 @@ from typing import Any
 
 import msgspec
 
-from agents import codec
-from agents.fusion import Fusion, FusionSetup
-from agents.ledger import Ledger
+from agents.fusion.fusion import Fusion, FusionSetup
+from agents.ledger.ledger import Ledger
 from agents.machine import Action, Event, Heard, Keep, Publish, Store
-from agents.messages import LedgerEntry, Message
-from agents.mission import Mission
-from agents.mission_file import load
+from agents.mission.mission import Mission
+from agents.mission.mission_file import load
 from agents.team import Team
-from agents.topics import SET
-from sim.engine import Engine
-from tests.agents.test_swarm import write_mission
+from agents.wire import codec
+from agents.wire.messages import LedgerEntry, Message
+from agents.wire.topics import SET
+from sim.engine.engine import Engine
+from tests.agents.swarm.test_swarm import write_mission
 
 SEED = 3
 FINGERPRINT = "one"

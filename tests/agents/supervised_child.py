@@ -8,9 +8,9 @@ import sys
 import time
 from pathlib import Path
 
-from agents import lifeline
-from agents.processes import Command, Restart
-from agents.supervisor import Supervisor
+from agents.process import lifeline
+from agents.swarm.processes import Command, Restart
+from agents.swarm.supervisor import Supervisor
 
 
 def command(

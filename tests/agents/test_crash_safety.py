@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from agents.messages import LedgerEntry
+from agents.wire.messages import LedgerEntry
 from tests.agents.dying_fusion import POINTS, disturbed
 from tests.agents.ledger_story import Stage, story, team
 

@@ -3,13 +3,13 @@
 import numpy as np
 
 from agents.machine import Planned, Publish, RequestPlan
-from agents.messages import BidMessage, PlanMessage
-from agents.transport import Peer, PeerChange
+from agents.wire.messages import BidMessage, PlanMessage
+from agents.wire.transport import Peer, PeerChange
 from planner.allocation.desk import BidRules
 from planner.allocation.tasks import Task
 from planner.plan import Plan
 from tests.agents.fakes import plan_to
-from tests.agents.test_robot import LEAD, Stage, request, sent
+from tests.agents.robot.test_robot import LEAD, Stage, request, sent
 
 
 class FakeDesk:

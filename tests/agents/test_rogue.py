@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import zenoh
 
-from agents import codec
-from agents.messages import MeasurementSetMessage
-from agents.mission import LinkTable
-from bridges.zenoh_config import configuration
-from tests.agents.test_swarm import launched, started, summary_of, wait_for, write_mission
+from agents.mission.mission import LinkTable
+from agents.wire import codec
+from agents.wire.messages import MeasurementSetMessage
+from bridges.zenoh.config import configuration
+from tests.agents.swarm.test_swarm import launched, started, summary_of, wait_for, write_mission
 
 pytestmark = pytest.mark.processes
 

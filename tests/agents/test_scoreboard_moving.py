@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from agents.machine import Heard
-from agents.messages import PosteriorMessage
-from agents.mission_file import load
-from agents.scoreboard import Scoreboard
-from agents.topics import POSTERIOR
+from agents.mission.mission_file import load
+from agents.swarm.scoreboard import Scoreboard
+from agents.wire.messages import PosteriorMessage
+from agents.wire.topics import POSTERIOR
 from estimator.arrays import FloatArray
 from estimator.filter import Area
 from sim.moving_world import MovingWorld

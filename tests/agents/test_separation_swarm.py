@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.agents.test_swarm import launched, summary_of, write_mission
+from tests.agents.swarm.test_swarm import launched, summary_of, write_mission
 
 pytestmark = pytest.mark.processes
 

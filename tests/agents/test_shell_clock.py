@@ -8,15 +8,15 @@ from contextlib import asynccontextmanager
 import pytest
 
 from agents.clock import TeamClock
-from agents.clock_sync import ClockAnswers
 from agents.errors import JoinError
 from agents.machine import ClockTrust, Heard
-from agents.messages import ClockMessage, StartMessage
-from agents.mission import Mission
-from agents.mission_file import mission_hash
-from agents.shell import Shell
-from agents.topics import CLOCK, START
-from bridges.zenoh_router import Router
+from agents.mission.mission import Mission
+from agents.mission.mission_file import mission_hash
+from agents.process.clock_sync import ClockAnswers
+from agents.process.shell import Shell
+from agents.wire.messages import ClockMessage, StartMessage
+from agents.wire.topics import CLOCK, START
+from bridges.zenoh.local_router import Router
 from tests.agents.fakes import mission
 
 

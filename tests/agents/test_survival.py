@@ -7,9 +7,17 @@ from pathlib import Path
 import psutil
 import pytest
 
-from agents.ledger import Ledger
-from agents.outbox import Outbox
-from tests.agents.test_swarm import launched, of_run, robot, started, summary_of, wait_for, write_mission
+from agents.ledger.ledger import Ledger
+from agents.robot.outbox import Outbox
+from tests.agents.swarm.test_swarm import (
+    launched,
+    of_run,
+    robot,
+    started,
+    summary_of,
+    wait_for,
+    write_mission,
+)
 
 pytestmark = pytest.mark.processes
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from agents.errors import MissionError
-from agents.mission_file import load
+from agents.mission.mission_file import load
 from agents.team import Team
 from tests.agents import fake_kinds
 from tests.agents.fake_kinds import MISSION

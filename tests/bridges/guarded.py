@@ -5,10 +5,10 @@ from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from agents.mission import LinkTable
-from agents.transport import Peer
-from bridges.key_workshop import Workshop
-from bridges.zenoh_transport import ZenohTransport
+from agents.mission.mission import LinkTable
+from agents.wire.transport import Peer
+from bridges.keys.workshop import Workshop
+from bridges.zenoh.transport import ZenohTransport
 from tests.agents.fakes import mission
 
 TEAM = "t"  # of the fake mission

@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from agents import messages as m
-from agents.histogram import Histogram
-from agents.mission import AreaTable, ExplorationTable, Mission, RobotTable, start_pose
+from agents.health.histogram import Histogram
+from agents.mission.mission import AreaTable, ExplorationTable, Mission, RobotTable, start_pose
+from agents.wire import messages as m
 from estimator.arrays import FloatArray
 
 REACH = 0.12  # of the area's side: how far a robot of the story sees

@@ -9,8 +9,8 @@ import pytest
 from pyproj import Geod
 
 from agents.errors import DataError, MissionError
-from agents.ground import team_ground
-from agents.mission_file import load
+from agents.mission.ground import team_ground
+from agents.mission.mission_file import load
 from bridges.geo_area import projection, read_geojson, read_plan
 
 ORIGIN = (47.3977, 8.5456, 488.0)

@@ -14,16 +14,16 @@ import pytest
 import zenoh
 
 from agents.errors import JoinError, LinkError
-from agents.mission import LinkTable
-from agents.topics import HEALTH, POSE, POSTERIOR, SET, TRUTH, Topic
-from agents.transport import Peer
-from bridges.keyring import Credentials
-from bridges.tls_trouble import tls_trouble
-from bridges.zenoh_config import configuration
-from bridges.zenoh_router import Router
-from bridges.zenoh_transport import ZenohTransport
+from agents.mission.mission import LinkTable
+from agents.wire.topics import HEALTH, POSE, POSTERIOR, SET, TRUTH, Topic
+from agents.wire.transport import Peer
+from bridges.keys.keyring import Credentials
+from bridges.zenoh.config import configuration
+from bridges.zenoh.local_router import Router
+from bridges.zenoh.tls_trouble import tls_trouble
+from bridges.zenoh.transport import ZenohTransport
 from tests.bridges.guarded import DAY, TEAM, make_keys, member
-from tests.bridges.test_zenoh_transport import Collector, eventually
+from tests.bridges.zenoh.test_transport import Collector, eventually
 
 LONG_ENOUGH_S = 0.7  # for what must not come
 

@@ -10,11 +10,11 @@ from typer.testing import CliRunner
 
 from agents import cli
 from agents.errors import DataError, MissionError
-from agents.mission_file import WrongMissionError, dumps, load, mission_hash
+from agents.mission.mission_file import WrongMissionError, dumps, load, mission_hash
 from agents.team import Team
 from estimator.exploration import Exploration
 from estimator.maps.line_of_sight import LineOfSight
-from sim.engine import Engine
+from sim.engine.engine import Engine
 
 DEPOT = Path(__file__).resolve().parents[2] / "missions" / "depot.toml"
 MISSION = """

@@ -5,10 +5,10 @@ import signal
 import sys
 import threading
 
-from agents.mission import LinkTable
-from agents.topics import POSE, SET
-from agents.transport import Peer
-from bridges.zenoh_transport import ZenohTransport
+from agents.mission.mission import LinkTable
+from agents.wire.topics import POSE, SET
+from agents.wire.transport import Peer
+from bridges.zenoh.transport import ZenohTransport
 
 TEAM = "test"
 

@@ -9,11 +9,13 @@ from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 import msgspec
 
-from agents import codec, mission, plugins
-from agents import messages as m
-from agents.ground_tables import GroundTable, OriginTable, ZoneTable
-from agents.tables import describe, show
-from agents.topics import TOPICS
+from agents import plugins
+from agents.mission import mission
+from agents.mission.ground_tables import GroundTable, OriginTable, ZoneTable
+from agents.mission.tables import describe, show
+from agents.wire import codec
+from agents.wire import messages as m
+from agents.wire.topics import TOPICS
 
 ROOT = Path(__file__).resolve().parents[2]
 KIND_GROUPS = ("worlds", "filters", "planners", "vehicles", "sensors")
@@ -73,7 +75,11 @@ def _array(spec: codec.ArraySpec) -> str:
 
 def _type_name(hint: Any) -> str:
     name = getattr(hint, "__name__", str(hint))
-    return name if "[" not in str(hint) else str(hint).replace("agents.messages.", "").replace("typing.", "")
+    return (
+        name
+        if "[" not in str(hint)
+        else str(hint).replace("agents.wire.messages.", "").replace("typing.", "")
+    )
 
 
 def dependencies() -> dict[str, str]:

@@ -2,8 +2,8 @@
 
 import pytest
 
-from agents import messages as m
-from agents.topics import TOPICS
+from agents.wire import messages as m
+from agents.wire.topics import TOPICS
 from tests.packaging import docs_tables as tables
 
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from agents.machine import Heard
-from agents.messages import PoseMessage
-from agents.mission_file import load
+from agents.mission.mission_file import load
 from agents.plugins import kinds
 from agents.team import Team
+from agents.wire.messages import PoseMessage
 from planner.ground.shapes import Shape
-from sim.engine import Engine
+from sim.engine.engine import Engine
 from tests.planner.contract import CONFIGS
 
 WALLS = Path(__file__).resolve().parents[2] / "missions" / "walls.toml"

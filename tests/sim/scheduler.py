@@ -6,9 +6,9 @@ from itertools import count
 
 import numpy as np
 
-from agents.topics import Topic
-from agents.transport import Peer
-from sim.network import NetworkConditions, SimulatedNetwork, SimulatedTransport
+from agents.wire.topics import Topic
+from agents.wire.transport import Peer
+from sim.network.network import NetworkConditions, SimulatedNetwork, SimulatedTransport
 
 
 class Scheduler:

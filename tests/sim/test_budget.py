@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 
 from agents.errors import MissionError
-from agents.mission import BudgetTable
-from agents.mission_file import load
+from agents.mission.mission import BudgetTable
+from agents.mission.mission_file import load
 from agents.team import Team
 from planner.vehicles.power import WH
 from planner.vehicles.quadrotor import Quadrotor
-from sim.engine import Engine
+from sim.engine.engine import Engine
 
 
 def test_nobody_exceeds_its_budget_and_all_are_home_at_its_end():

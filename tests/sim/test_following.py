@@ -4,10 +4,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from agents.mission_file import load
+from agents.mission.mission_file import load
 from agents.team import Team
 from planner.plan import Plan, PlanProblem
-from sim.engine import Engine
+from sim.engine.engine import Engine
 
 
 class Watched:

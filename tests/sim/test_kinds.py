@@ -7,7 +7,7 @@ import pytest
 
 from agents import plugins
 from agents.devices import DeviceContext
-from agents.tables import convert
+from agents.mission.tables import convert
 from estimator.filter import Area
 
 AREA = Area(np.zeros(2), np.full(2, 20.0))

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from agents.errors import MissionError
-from agents.mission_file import load
+from agents.mission.mission_file import load
 from agents.team import Team
 from estimator.filter import Area
-from sim.engine import Engine
+from sim.engine.engine import Engine
 from sim.moving_world import MovingWorld, MovingWorldKind
 
 AREA = Area(np.zeros(2), np.array([10.0, 20.0]))

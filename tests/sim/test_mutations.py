@@ -7,19 +7,19 @@ import msgspec
 import numpy as np
 import pytest
 
-from agents import timeline
+from agents.fusion import timeline
+from agents.fusion.watermark import Applied
 from agents.invariants import Report, check
 from agents.invariants.crashes import SAFETY
 from agents.invariants.sets import TWICE
-from agents.mission import Mission
-from agents.mission_file import load
-from agents.watermark import Applied
+from agents.mission.mission import Mission
+from agents.mission.mission_file import load
 from planner.allocation.cbba import AllocationState, Score
 from planner.allocation.consensus import NOBODY, beats
-from sim import nodes
-from sim.campaign import run
-from sim.conditions import NetworkConditions
-from sim.faults import AnyFault, Kill, Schedule, Weather
+from sim.campaign.campaign import run
+from sim.campaign.faults import AnyFault, Kill, Schedule, Weather
+from sim.engine import nodes
+from sim.network.conditions import NetworkConditions
 from tests.planner.allocation import teams, test_cbba
 
 SEED = 3

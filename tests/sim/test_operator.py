@@ -7,23 +7,23 @@ import msgspec
 import numpy as np
 import pytest
 
-from agents.fusion import Fusion, FusionSetup
-from agents.ledger import Ledger
+from agents.fusion.fusion import Fusion, FusionSetup
+from agents.ledger.ledger import Ledger
 from agents.machine import Heard, Publish
-from agents.messages import (
+from agents.mission.mission import Mission, StatementTable
+from agents.mission.mission_file import WrongMissionError, dumps, load
+from agents.operator.statements import said
+from agents.team import Team
+from agents.wire.messages import (
     EventMessage,
     LedgerEntry,
     MeasurementSetMessage,
     PosteriorMessage,
     SoftObservationMessage,
 )
-from agents.mission import Mission, StatementTable
-from agents.mission_file import WrongMissionError, dumps, load
-from agents.statements import said
-from agents.team import Team
-from agents.topics import SOFT_OBSERVATION
-from sim.engine import Engine
-from sim.network import NetworkConditions
+from agents.wire.topics import SOFT_OBSERVATION
+from sim.engine.engine import Engine
+from sim.network.network import NetworkConditions
 
 
 @pytest.fixture(scope="module")

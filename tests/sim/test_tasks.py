@@ -3,14 +3,14 @@
 import msgspec
 import pytest
 
-from agents.messages import BidMessage, Message, PlanMessage
-from agents.mission import Mission
-from agents.mission_file import load
+from agents.mission.mission import Mission
+from agents.mission.mission_file import load
 from agents.team import Team
-from agents.topics import Topic
-from sim.engine import Engine
-from sim.network import NetworkConditions
-from tests.agents.test_swarm import write_mission
+from agents.wire.messages import BidMessage, Message, PlanMessage
+from agents.wire.topics import Topic
+from sim.engine.engine import Engine
+from sim.network.network import NetworkConditions
+from tests.agents.swarm.test_swarm import write_mission
 
 
 @pytest.fixture(scope="module")

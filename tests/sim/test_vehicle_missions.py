@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from agents.mission_file import load
+from agents.mission.mission_file import load
 from agents.team import Team
 from planner.vehicles.power import WH
-from sim.engine import Engine
+from sim.engine.engine import Engine
 
 
 def watched(name, seed, period, look, duration=None):

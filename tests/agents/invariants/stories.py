@@ -7,11 +7,15 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from agents.fusion.watermark import Applied
 from agents.invariants import Report, RunHistory
 from agents.invariants.connections import Truth
 from agents.invariants.history import Places, Said
 from agents.invariants.replay import replayed
-from agents.messages import (
+from agents.mission.mission import Mission
+from agents.mission.mission_file import load
+from agents.team import Team
+from agents.wire.messages import (
     BidMessage,
     LedgerEntry,
     MeasurementSetMessage,
@@ -19,10 +23,6 @@ from agents.messages import (
     PoseMessage,
     PosteriorMessage,
 )
-from agents.mission import Mission
-from agents.mission_file import load
-from agents.team import Team
-from agents.watermark import Applied
 
 END = 30.0
 

@@ -7,8 +7,8 @@ import pytest
 from agents.errors import DataError
 from agents.invariants import RunHistory
 from agents.invariants.history import FILE, Size, Used
-from agents.ledger import Ledger
-from agents.run_directory import RunDirectory
+from agents.ledger.ledger import Ledger
+from agents.swarm.run_directory import RunDirectory
 from tests.agents.invariants.stories import Story, mission, posterior_of, set_of
 
 

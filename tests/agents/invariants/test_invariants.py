@@ -12,7 +12,7 @@ from agents.invariants.resources import RESOURCES, bounded_resources
 from agents.invariants.sets import ECHO, LOST, TWICE, no_echo, no_set_lost, none_twice, recovery_limit_s
 from agents.invariants.staleness import STALE, bounded_staleness
 from agents.invariants.tasks import TASKS, agreement_limit_s, conflict_free_tasks
-from agents.messages import HealthMessage
+from agents.wire.messages import HealthMessage
 from tests.agents.invariants.stories import (
     END,
     Story,

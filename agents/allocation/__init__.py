@@ -1,0 +1,1 @@
+"""One robot's part in settling between all robots who does what."""

@@ -1,0 +1,1 @@
+"""The Fusion: a pure state machine, and the estimate that it grows."""

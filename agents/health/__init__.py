@@ -1,0 +1,1 @@
+"""How processes are, by their own word and as others hear them."""

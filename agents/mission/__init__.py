@@ -1,0 +1,1 @@
+"""The mission: its tables, its file, and what makes one wrong."""

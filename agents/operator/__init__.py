@@ -1,0 +1,1 @@
+"""What people say to a running team, and what they hear back."""

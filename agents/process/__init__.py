@@ -1,0 +1,1 @@
+"""The processes around Robot and Fusion: clock, network, start and end."""

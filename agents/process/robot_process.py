@@ -1,0 +1,289 @@
+"""The robot process: one Robot with its body on the real clock and the real network."""
+
+import asyncio
+import gc
+import time
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from pathlib import Path
+
+from agents.errors import LinkError, MissionError, StorageError
+from agents.health.health import health_message
+from agents.health.histogram import Histogram
+from agents.ledger.snapshot import fingerprint
+from agents.machine import (
+    Action,
+    Event,
+    Heard,
+    Planned,
+    Publish,
+    Reckon,
+    Reckoned,
+    Release,
+    RequestPlan,
+    Store,
+)
+from agents.mission.mission import Mission
+from agents.mission.mission_file import mission_hash
+from agents.process.rehearsal import rehearse_robot
+from agents.process.shell import HEALTH_PERIOD_S, Shell, run_until_done
+from agents.robot.body import RobotBody
+from agents.robot.outbox import Outbox
+from agents.robot.plan_request import RobotSetup
+from agents.robot.robot import Robot
+from agents.team import Team
+from agents.wire.attention import Attention
+from agents.wire.messages import MeasurementSetMessage, PoseMessage
+from agents.wire.topics import (
+    BELIEF,
+    BID,
+    EVENT,
+    HEALTH,
+    PICTURE,
+    PLAN,
+    POSE,
+    POSTERIOR,
+    REQUEST,
+    SET,
+    SOFT_OBSERVATION,
+    STATE,
+    Topic,
+)
+from planner.avoidance.halt import Evader
+from planner.plan import Plan, PlanProblem, TeamPlanner
+
+# Robots; in a larger team a plan waits for the next step, which the robot's own poses cause, and others' sets
+# are listened to only once no fusion is there: the robots' caches then give what the last minute brought.
+FEW = 16
+CROWD_STAGGER_S = 0.2  # from a robot's first plan to the next one's: fifty at once keep the fusion waiting
+
+
+def run(mission: Mission, robot_id: str, *, outbox: Path, connect: Sequence[str] = ()) -> int:
+    """Run one robot until it is told to end; the exit status. `outbox` keeps the sets that no fusion has.
+
+    Raises:
+        SearchpartyError: with what to do about it.
+    """
+    try:
+        mission.robot(robot_id)
+    except KeyError:
+        known = ", ".join(robot.id for robot in mission.robots)
+        raise MissionError(f"the mission has no robot {robot_id!r}; its robots are {known}") from None
+    return run_until_done(partial(_main, mission, robot_id, outbox, connect))
+
+
+async def _main(mission: Mission, robot_id: str, path: Path, connect: Sequence[str]) -> int:
+    team = Team.of(mission)
+    if isinstance(team.planner, TeamPlanner):
+        raise MissionError(f"planner {mission.planner['kind']!r} needs a centre: use searchparty simulate")
+    rehearse_robot(team, robot_id)
+    gc.collect()
+    gc.freeze()  # what lives now lives to the end: no collection needs to look at it
+    async with Shell(mission, "robot", robot_id, connect) as shell:
+        for topic in (POSE, PICTURE, POSTERIOR, STATE):
+            shell.transport.subscribe(topic, urgent=False)
+        if len(mission.robots) <= FEW:
+            _listen_to_sets(shell)
+        shell.transport.subscribe(PLAN, urgent=len(mission.robots) <= FEW)
+        for topic in (POSE, SET, PLAN, HEALTH, EVENT, BELIEF):
+            shell.transport.prepare(topic)
+        try:
+            seed = await shell.join_team()
+        except LinkError:
+            return 0
+        with _outbox(shell, seed, path) as outbox:
+            process = RobotProcess(shell, team, robot_id, seed, outbox)
+            try:
+                await process.run()
+            finally:
+                process.close()
+    return 0
+
+
+def _outbox(shell: Shell, seed: int, path: Path) -> Outbox:
+    """What the robot's earlier boots in this run left, told to people."""
+    mission = shell.mission
+    run = f"{shell.clock.epoch!r} {seed} {mission_hash(mission)}"
+    outbox = Outbox(
+        path, team=mission.team, robot=shell.name, run=run, synchronous=mission.fusion.synchronous
+    )
+    if outbox.left:
+        shell.announce(f"offers {len(outbox.left)} sets that it had measured before it started again")
+    if outbox.put_aside is not None:
+        shell.announce(f"had sets of another run, which are now in {outbox.put_aside}", "warning")
+    return outbox
+
+
+def _listen_to_sets(shell: Shell) -> None:
+    for topic in (SET, SOFT_OBSERVATION):
+        shell.transport.subscribe(topic, urgent=False)
+
+
+class RobotProcess:
+    """The loop around one RobotBody."""
+
+    def __init__(self, shell: Shell, team: Team, robot_id: str, seed: int, outbox: Outbox) -> None:
+        self._shell = shell
+        self._team = team
+        self._outbox = outbox
+        self._unkept = 0  # sets that the disk did not take
+        self._estimating: ThreadPoolExecutor | None = None  # once the robot is on its own
+        self._plan_ms = Histogram()
+        self._pool = ThreadPoolExecutor(1, thread_name_prefix="planner")
+        now = max(0.0, shell.clock.now())
+        world = team.world(seed)
+        vehicle = team.vehicle(robot_id, seed, world, now=now, speed=shell.clock.speed)
+        sensor = team.sensor(robot_id, seed, world, now=now, speed=shell.clock.speed)
+        if vehicle.follows_plans:  # who does not plan need not know what the others do
+            for topic in (POSE, PICTURE):
+                shell.transport.subscribe(topic, urgent=False)
+            shell.transport.subscribe(PLAN, urgent=len(team.mission.robots) <= FEW)
+        desk = team.desk(robot_id) if vehicle.follows_plans else None
+        if desk is not None:
+            shell.transport.subscribe(BID)
+            shell.transport.subscribe(REQUEST)
+            shell.transport.prepare(BID)
+        setup = RobotSetup(
+            mission=team.mission,
+            robot=robot_id,
+            boot=shell.boot,
+            vehicle=team.vehicle_models[robot_id],
+            vehicles=team.vehicle_models,
+            ground=team.ground,
+            sensors=team.sensor_models,
+            area=team.area,
+            periods=team.measure_periods,
+            follows_plans=vehicle.follows_plans,
+            first_capture=sensor.next_capture(now - 1e-9),
+            plan_lead_s=0.25 * max(1.0, shell.clock.speed),
+            stagger_s=0.1 if len(team.mission.robots) <= FEW else CROWD_STAGGER_S,
+            speed=shell.clock.speed,
+            patience=shell.clock.speed,
+            desk=desk,
+            left=outbox.left,
+            alone=team.alone(seed, fingerprint(team.mission, seed, team.filter)),
+        )
+        self._robot = Robot(setup, now)
+        self._robot.stamp = shell.stamp
+        self._body = RobotBody(self._robot, vehicle, sensor, shell.clock, self._perform)
+        self._attention = Attention(
+            robot_id,
+            {r: model.evasion.speed for r, model in team.vehicle_models.items() if isinstance(model, Evader)},
+            team.mission.settings.separation_m,
+        )
+        shell.mailbox.wanted = self._wanted
+
+    async def run(self) -> None:
+        """Until the process is told to end."""
+        shell = self._shell
+        shell.announce(f"joined as boot {shell.boot}")
+        while shell.clock.now() < 0.0 and not shell.stopping:
+            await shell.sleep_until(0.0)
+        shell.every(HEALTH_PERIOD_S, self._publish_health)
+        while not shell.stopping:
+            events = shell.events()
+            self._look_around(events)
+            if "fusion" not in shell.roles_alive:
+                _listen_to_sets(shell)
+            self._body.step(events)
+            await shell.sleep_until(self._body.next_wake())
+        self._publish_health()
+
+    def _wanted(self, topic: Topic, sender: str) -> bool:
+        return topic is not POSE or self._attention.wants(sender, self._shell.clock.now())
+
+    def _look_around(self, events: Sequence[Event]) -> None:
+        poses = [e.message for e in events if isinstance(e, Heard) and isinstance(e.message, PoseMessage)]
+        if poses:
+            now = self._shell.clock.now()
+            mine = self._body.vehicle.state(now).pose
+            for message in poses:
+                self._attention.heard(message.sender, message.pose, mine, now)
+
+    def close(self) -> None:
+        """Let go of devices and the planner's thread."""
+        self._body.close()
+        for pool in (self._pool, self._estimating):
+            if pool is not None:
+                pool.shutdown(wait=False, cancel_futures=True)
+
+    def _perform(self, action: Action) -> None:
+        if isinstance(action, Publish):
+            self._shell.publish(action.topic, action.message)
+        elif isinstance(action, Store | Release):
+            self._keep(action)
+        elif isinstance(action, Reckon):
+            self._reckon(action)
+        elif isinstance(action, RequestPlan):
+            # A set taken at the same instant is sent before the planner competes with that for the GIL.
+            asyncio.get_running_loop().call_soon(self._begin_plan, action)
+
+    def _keep(self, action: Store | Release) -> None:
+        """A full disk does not stop a robot: it goes on, and says what it cannot promise any more."""
+        try:
+            if isinstance(action, Release):
+                self._outbox.release(action.places)
+            else:
+                self._outbox.add([e for e in action.entries if isinstance(e, MeasurementSetMessage)])
+        except StorageError as error:
+            if not self._unkept:
+                self._shell.announce(f"{error}; until then a restart would lose its newest sets", "error")
+            self._unkept += 1
+
+    def _reckon(self, action: Reckon) -> None:
+        if self._estimating is None:
+            self._estimating = ThreadPoolExecutor(1, thread_name_prefix="estimator")
+        future = asyncio.get_running_loop().run_in_executor(self._estimating, action.work)
+        future.add_done_callback(partial(self._reckoned, action.number))
+
+    def _reckoned(self, number: int, future: "asyncio.Future[None]") -> None:
+        if future.cancelled():
+            return
+        if (error := future.exception()) is not None:
+            self._shell.announce(f"the own estimate failed: {error!r}; going on with it as it was", "error")
+        self._shell.tell(Reckoned(number))
+
+    def _begin_plan(self, request: RequestPlan) -> None:
+        future = asyncio.get_running_loop().run_in_executor(self._pool, self._plan, request.problem)
+        future.add_done_callback(partial(self._planned, request.number))
+
+    def _plan(self, problem: PlanProblem) -> Plan:
+        began = time.perf_counter()
+        plan: Plan = self._team.planner.plan(problem)
+        self._plan_ms.add((time.perf_counter() - began) * 1e3)
+        return plan
+
+    def _planned(self, number: int, future: "asyncio.Future[Plan]") -> None:
+        if future.cancelled():
+            return
+        error = future.exception()
+        if error is not None:
+            # A planner's defect must not stop the robot: it holds, says so and asks again.
+            self._shell.announce(f"planner failed: {error!r}; holding", "error")
+            self._shell.tell(Planned(number, Plan(None, f"planner failed: {error!r}")))
+        else:
+            self._shell.tell(Planned(number, future.result()))
+
+    def _publish_health(self) -> None:
+        shell, robot = self._shell, self._robot
+        message = health_message(
+            shell.stamp,
+            shell.clock.now(),
+            "robot",
+            robot.state,
+            shell.mailbox,
+            shell.transport.statistics(),
+            {
+                "sets": robot.stamp.sent(SET),
+                "reoffered": robot.unacknowledged.reoffered,
+                "unacknowledged": len(robot.unacknowledged),
+                "unkept_sets": self._unkept,
+                "skipped_measurements": robot.measuring.skipped,
+                "untimed_measurements": robot.measuring.untimed,
+                **(robot.allocation.counters() if robot.allocation else {}),
+            },
+            shell.gauges() | (robot.allocation.gauges() if robot.allocation else {}),
+            {"measure_clock_lateness_ms": self._body.lateness_ms, "plan_ms": self._plan_ms},
+        )
+        shell.publish(HEALTH, message)

@@ -1,0 +1,1 @@
+"""The Robot: a pure state machine, and what it is made of."""

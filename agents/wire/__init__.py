@@ -1,0 +1,1 @@
+"""What travels between the processes of a team, and how: messages, topics, codec, the transport seam."""

@@ -1,0 +1,1 @@
+"""The command that estimates sensors from recordings."""

@@ -1,0 +1,1 @@
+"""Certificates of guarded teams."""

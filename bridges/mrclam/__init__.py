@@ -1,0 +1,1 @@
+"""Recordings of the UTIAS multi-robot data sets, as robots, missions and calibrations."""

@@ -1,0 +1,1 @@
+"""Random faults, who brings them about, and the command that lets them loose."""
