@@ -35,6 +35,7 @@ _KNOWN = ("image", "mode", "resolution", "origin", "negate", "occupied_thresh", 
 class MapHeader:
     """What the YAML file says."""
 
+    file: Path  # it itself
     image: Path
     resolution: float  # metres per pixel
     origin: FloatArray  # (3,) x, y, yaw of the image's lower left corner
@@ -89,15 +90,17 @@ def read_header(file: Path) -> MapHeader:
     origin = table.get("origin")
     if not isinstance(origin, list) or len(origin) != 3 or not all(map(_is_finite, origin)):
         raise DataError(f"{file}: origin: expected 3 numbers x, y, yaw, found {_show(origin)}")
-    resolution = _number(file, table, "resolution", 0.0, math.inf)
-    if resolution == 0.0:
-        raise DataError(f"{file}: resolution: expected a number > 0, found 0")
+    resolution: Any = table.get("resolution")
+    if not _is_finite(resolution) or resolution <= 0.0:
+        raise DataError(f"{file}: resolution: expected a number > 0, found {_show(resolution)}")
     occupied, free = (_number(file, table, key, 0.0, 1.0) for key in ("occupied_thresh", "free_thresh"))
     if free >= occupied:
         allowed = f"a number below occupied_thresh, which is {occupied:g}"
         raise DataError(f"{file}: free_thresh: expected {allowed}, found {free:g}")
     place = np.array(origin, dtype=np.float64)
-    return MapHeader(file.parent / image, resolution, place, occupied, free, str(mode), bool(negate))
+    return MapHeader(
+        file, file.parent / image, float(resolution), place, occupied, free, str(mode), bool(negate)
+    )
 
 
 def occupancy(header: MapHeader) -> np.ndarray:
@@ -106,7 +109,10 @@ def occupancy(header: MapHeader) -> np.ndarray:
     Raises:
         DataError: if the image is missing or no image; names it.
     """
-    shade, alpha = _pixels(header.image)
+    try:
+        shade, alpha = _pixels(header.image)
+    except DataError as error:
+        raise DataError(f"{header.file}: image: {error}") from None
     if header.mode == "raw":
         value = np.rint(shade * 255.0)
         percent = np.where(value <= 100.0, value, -1.0)
@@ -137,17 +143,16 @@ def _pixels(file: Path) -> tuple[np.ndarray, np.ndarray | None]:
                 return np.asarray(image, dtype=np.float64) / 65535.0, None
             colours = np.asarray(image.convert("RGBA" if has_alpha else "RGB"), dtype=np.float64) / 255.0
     except FileNotFoundError:
-        raise DataError(f"{file} (the map's image) does not exist") from None
+        raise DataError(f"{file} does not exist") from None
     except (OSError, UnidentifiedImageError, ValueError, SyntaxError) as error:
-        raise DataError(f"{file} (the map's image) cannot be read: {error}") from None
+        raise DataError(f"{file} cannot be read: {error}") from None
     return colours[:, :, :3].mean(axis=2), colours[:, :, 3] if has_alpha else None
 
 
 def _number(file: Path, table: dict[Any, Any], key: str, low: float, high: float) -> float:
     value: Any = table.get(key)
     if not _is_finite(value) or not low <= value <= high:
-        allowed = f"from {low:g} to {high:g}" if math.isfinite(high) else f">= {low:g}"
-        raise DataError(f"{file}: {key}: expected a number {allowed}, found {_show(value)}")
+        raise DataError(f"{file}: {key}: expected a number from {low:g} to {high:g}, found {_show(value)}")
     return float(value)
 
 
