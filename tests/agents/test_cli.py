@@ -1,5 +1,6 @@
 """The command line is quick to help, says in one sentence what is wrong, and exits with a status."""
 
+import importlib
 import json
 import subprocess
 import sys
@@ -62,10 +63,9 @@ def replace(monkeypatch: pytest.MonkeyPatch, module: str, result: Any) -> list[d
         return int(result)
 
     stand_in = SimpleNamespace(run=fake)
-    monkeypatch.setitem(sys.modules, f"agents.{module}", stand_in)
-    import agents
-
-    monkeypatch.setattr(agents, module, stand_in, raising=False)
+    room, _, name = module.rpartition(".")
+    monkeypatch.setitem(sys.modules, module, stand_in)
+    monkeypatch.setattr(importlib.import_module(room), name, stand_in, raising=False)
     return calls
 
 
@@ -149,7 +149,7 @@ def test_a_right_mission_whose_data_is_not_here_is_right(run: Run, mission: Path
 def test_swarm_hands_on_its_options_and_the_exit_status(
     run: Run, mission: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    calls = replace(monkeypatch, "swarm", 1)
+    calls = replace(monkeypatch, "agents.swarm.swarm", 1)
     options = ("--seed", "3", "--out", tmp_path / "x", "--speed", "4", "--duration", "9", "--view", "web")
     assert run("swarm", mission, *options)[0] == 1
     assert (calls[0]["positional"][0].seed, calls[0]["positional"][0].duration_s) == (3, 9.0)
@@ -163,7 +163,9 @@ def test_swarm_hands_on_its_options_and_the_exit_status(
 def test_robot_and_fusion_hand_on_their_options(
     run: Run, mission: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    robots, fusions = (replace(monkeypatch, name, 0) for name in ("robot_process", "fusion_process"))
+    robots, fusions = (
+        replace(monkeypatch, f"agents.process.{name}", 0) for name in ("robot_process", "fusion_process")
+    )
     assert run("robot", mission, "--id", "r2", "--connect", "tcp/a:1", "--connect", "tcp/b:1")[0] == 0
     assert robots[0]["positional"][1] == "r2"
     assert robots[0]["connect"] == ["tcp/a:1", "tcp/b:1"]
@@ -177,14 +179,14 @@ def test_robot_and_fusion_hand_on_their_options(
 def test_an_expected_error_is_one_sentence_and_its_status(
     run: Run, mission: Path, monkeypatch: pytest.MonkeyPatch, error: LinkError | StorageError
 ) -> None:
-    replace(monkeypatch, "swarm", error)
+    replace(monkeypatch, "agents.swarm.swarm", error)
     assert run("swarm", mission) == (error.exit_code, "", f"searchparty: {error}\n")
 
 
 def test_an_unexpected_error_is_one_sentence_and_a_file_with_the_traceback(
     run: Run, mission: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    replace(monkeypatch, "swarm", ZeroDivisionError("division by zero"))
+    replace(monkeypatch, "agents.swarm.swarm", ZeroDivisionError("division by zero"))
     code, _, err = run("swarm", mission)
     assert code == 1
     assert len(err.splitlines()) == 1

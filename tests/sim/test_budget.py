@@ -27,7 +27,7 @@ def test_nobody_exceeds_its_budget_and_all_are_home_at_its_end():
         assert np.linalg.norm(body.pose[:3] - np.array(table.start)) <= 0.5
 
 
-@pytest.mark.parametrize("kind", ["quadrotor", "point_mass", "unicycle"])
+@pytest.mark.parametrize("kind", ["quadrotor", "unicycle"])
 def test_nobody_empties_its_battery_and_all_are_home_at_its_end(kind):
     mission = load("quickstart", duration=86.0)
     few = {**mission.filter, "particles": 500}  # nobody looks at what is found here

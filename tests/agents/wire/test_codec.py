@@ -43,6 +43,12 @@ HEAD: dict[str, Any] = {"team": "t", "sender": "r1", "boot": "b0", "sequence": 3
 MARKS = {"r1/b0": m.Watermark(upto=3, beyond=[(5, 5), (8, 9)]), "r2/b1": m.Watermark(upto=-1)}
 
 
+def wish(rng: np.random.Generator, d: int) -> m.Wish:
+    """An operator's, of a place in d dimensions."""
+    place = [float(x) for x in rng.normal(size=d)]
+    return m.Wish(name="door", place=place, worth=1.0, robots=2, needs=["thermal"], asked=3.5, looked=["r2"])
+
+
 def examples(seed: int = 0, d: int = 2, m_: int = 3, c: int = 2, f: int = 1) -> dict[str, m.Message]:
     """One valid message of every topic, with arrays of the given lengths."""
     rng = np.random.default_rng(seed)
@@ -92,6 +98,19 @@ def examples(seed: int = 0, d: int = 2, m_: int = 3, c: int = 2, f: int = 1) -> 
             objective=-1.5,
             reason="nearest cluster",
         ),
+        "bid": m.BidMessage(
+            **HEAD,
+            said=1234.5,
+            tasks=[f"task-{i}" for i in range(c)],
+            places=rng.normal(size=(c, d)),
+            path=["task-0"] * (c > 0),
+            winning_bids={"task-0": 0.7, "door#1": 0.2},
+            winning_agents={"task-0": "r1", "door#1": "r2"},
+            timestamps={"r2": 99.5},
+            digests={"r1": 2**40, "r2": 7},
+            wishes=[wish(rng, d)] * c,
+        ),
+        "request": m.RequestMessage(**HEAD, wish=wish(rng, d)),
         "posterior": m.PosteriorMessage(**HEAD, **estimate, watermark=MARKS),
         "belief": m.BeliefMessage(**HEAD, **estimate),
         "state": m.StateMessage(**HEAD, watermark=MARKS, applied=6, state=rng.bytes(20)),
