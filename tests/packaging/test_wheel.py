@@ -34,7 +34,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def share_kernels(site: Path) -> None:
-    """Hand on the compiled kernels of the checkout: numba takes them where sources have the same age and size."""
+    """Hand on the checkout's compiled kernels: numba takes them where sources have the same age and size."""
     for source in (path for room in ("estimator", "planner") for path in (ROOT / room).rglob("*")):
         copy = site / source.relative_to(ROOT)
         if source.suffix == ".py" and copy.exists():
