@@ -1,4 +1,4 @@
-"""One vehicle's bridge: a thread that carries messages between a link and the pilot, and never blocks the robot."""
+"""One vehicle's bridge: a thread between a link and the pilot that never blocks the robot."""
 
 from typing import Protocol
 
