@@ -1,8 +1,8 @@
 """ArduPilot copters and rovers: GUIDED mode.
 
-Measured with 4.6.2: it streams nothing but heartbeats until asked; it may accept arming before its estimator has
-a position, and take-off then fails; a position setpoint is flown to and held for ever, a velocity setpoint stops
-after GUID_TIMEOUT; setpoints outside GUIDED are ignored without a word.
+Measured with 4.6.2: it streams nothing but heartbeats until asked; it may accept arming before its estimator
+has a position, and take-off then fails; a position setpoint is flown to and held for ever, a velocity setpoint
+stops after GUID_TIMEOUT; setpoints outside GUIDED are ignored without a word.
 """
 
 from collections.abc import Mapping
@@ -79,7 +79,8 @@ class ArduPilot(Autopilot):
 
     @property
     def hold_mode(self) -> str:
-        return "LOITER" if self.body == "copter" else "HOLD"
+        # LOITER would obey the throttle stick, also one that nobody has connected.
+        return "BRAKE" if self.body == "copter" else "HOLD"
 
     def take_off(self, height: float) -> Command | None:
         if self.body != "copter":
