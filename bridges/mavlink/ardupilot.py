@@ -1,8 +1,8 @@
 """ArduPilot copters and rovers: GUIDED mode.
 
 Measured with 4.6.2: it streams nothing but heartbeats until asked; it may accept arming before its estimator
-has a position, and take-off then fails; a position setpoint is flown to and held for ever, a velocity setpoint
-stops after GUID_TIMEOUT; setpoints outside GUIDED are ignored without a word.
+has a position, and take-off then fails; a position setpoint is flown to and held, a velocity setpoint stops
+after GUID_TIMEOUT; setpoints outside GUIDED are ignored without a word.
 """
 
 from collections.abc import Mapping

@@ -8,6 +8,7 @@ import tty
 from abc import ABC, abstractmethod
 from collections import OrderedDict
 from contextlib import suppress
+from typing import Any
 
 from bridges.mavlink.url import Endpoint
 
@@ -52,7 +53,7 @@ class Udp(Carrier):
     def __init__(self, endpoint: Endpoint) -> None:
         info = socket.getaddrinfo(endpoint.host, endpoint.port, type=socket.SOCK_DGRAM)[0]
         self._socket = socket.socket(info[0], socket.SOCK_DGRAM)
-        self._peers: OrderedDict[object, None] = OrderedDict()
+        self._peers: OrderedDict[Any, None] = OrderedDict()
         try:
             self._socket.setblocking(False)
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
@@ -91,7 +92,7 @@ class Udp(Carrier):
                 self._socket.send(data)
             else:
                 for address in [peer] if peer is not None else list(self._peers):
-                    self._socket.sendto(data, address)  # type: ignore[arg-type]
+                    self._socket.sendto(data, address)
         except (BlockingIOError, ConnectionError):
             return False
         except OSError as error:

@@ -61,7 +61,7 @@ class Outcome:
 
     @property
     def ok(self) -> bool:
-        return self.result == mavlink.MAV_RESULT_ACCEPTED
+        return self.result == int(mavlink.MAV_RESULT_ACCEPTED)
 
 
 @dataclass(slots=True)

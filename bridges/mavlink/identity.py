@@ -1,7 +1,7 @@
 """Who speaks on the link, which of them is our vehicle, and who we are to them.
 
-Only an autopilot is believed: component 1 with an autopilot that is not INVALID. A ground station, a camera or
-another companion may share the link and even the system id.
+Only an autopilot is believed: component 1 with an autopilot that is not INVALID. A ground station, a camera
+or another companion may share the link and even the system id.
 """
 
 from bridges.mavlink.dialect import Message, mavlink
@@ -60,9 +60,8 @@ class Identity:
         self._candidates.setdefault(system, (now, message.type))
         if system == self.system:
             self.found = True
-        elif self._config.system is not None or self.found:
-            if len(self.others) < 255:
-                self.others[system] = body_of(message.type)
+        elif (self._config.system is not None or self.found) and len(self.others) < 255:
+            self.others[system] = body_of(message.type)
 
     def settle(self, now: float) -> None:
         """Choose the only vehicle there, when any is welcome."""
@@ -105,18 +104,23 @@ class Identity:
             return f"only a ground station (system {min(self._stations)}) is heard at {url}, no vehicle"
         return f"no vehicle is heard at {url}; is it switched on, and does it send there?"
 
+    def doubled(self) -> str:
+        """The sentence for two vehicles with one id."""
+        return f"two vehicles with system id {self.system} are at {self._config.url}; give each its own"
+
     def wrong(self, report: VehicleReport, link: LinkState, known: bool) -> str | None:
         """Why the vehicle found may not be flown, in one sentence; None: it is as the mission says."""
         config, body = self._config, report.body
         if self.system in link.doubled:
-            return f"two vehicles with system id {self.system} are at {config.url}; give each its own"
+            return self.doubled()
         if config.body is not None and body != config.body:
             return f"system {self.system} is a {body}, but the mission expects a {config.body}"
         name = NAMES.get(report.autopilot, f"autopilot {report.autopilot}")
         if config.autopilot not in ("auto", name):
             return f"system {self.system} flies with {name}, but the mission expects {config.autopilot}"
         if not known:
-            return f"system {self.system} is a {body} with {name}; only ArduPilot copters and rovers and PX4 copters"
+            known_ones = "ArduPilot copters and rovers, PX4 copters"
+            return f"system {self.system} is a {body} with {name}; only these are flown: {known_ones}"
         if self.system in link.signing and not link.keys:
             return f"system {self.system} signs its messages and would not hear ours; name the key file"
         return None

@@ -1,20 +1,12 @@
-"""What the pilot tells the robot: a snapshot that nobody changes any more, and events for people."""
+"""What the pilot tells the robot: a snapshot that nobody changes any more, made for another thread."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from bridges.mavlink.autopilot import Failsafe
+from bridges.mavlink.pilot import Pilot
 from bridges.mavlink.port import LinkState
 from estimator.arrays import FloatArray
-
-
-@dataclass(frozen=True, slots=True)
-class Event:
-    """Something that a person may want to read."""
-
-    time: float
-    level: str  # "info", "warning", "error"
-    text: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +44,7 @@ class PilotReport:
     round_trip: float | None = None  # s
     failsafes: tuple[Failsafe, ...] = ()
     texts: tuple[str, ...] = ()  # status texts of late
-    link: LinkState = LinkState()
+    link: LinkState = field(default_factory=LinkState)
     counters: Mapping[str, int] | None = None
 
     def gauges(self) -> dict[str, float]:
@@ -69,3 +61,47 @@ class PilotReport:
         if self.estimator_flags is not None:
             found["mavlink.estimator_flags"] = float(self.estimator_flags)
         return found
+
+
+def report_of(now: float, pilot: Pilot, counters: Mapping[str, int]) -> PilotReport:
+    """A snapshot of a pilot and its vehicle."""
+    vehicle, flight = pilot.vehicle, pilot.flight
+    counts = dict(counters)
+    counts.update(vehicle.counters)
+    counts["missed"] = vehicle.missed
+    counts["resent_commands"] = pilot.commands.resent
+    return PilotReport(
+        time=now,
+        phase=pilot.phase,
+        trouble=pilot.trouble,
+        reasons=tuple(pilot.reasons),
+        ours=flight is not None and flight.ours and pilot.phase != "lost",
+        system=pilot.identity.system,
+        autopilot=pilot.autopilot.name if pilot.autopilot else "",
+        version=vehicle.version,
+        body=vehicle.body if pilot.autopilot else "",
+        mode=pilot.autopilot.mode(vehicle) if pilot.autopilot else "",
+        armed=vehicle.armed,
+        in_air=vehicle.in_air,
+        captured=pilot.captured,
+        position=vehicle.position,
+        velocity=vehicle.velocity,
+        attitude=vehicle.attitude,
+        where=vehicle.where,
+        home=vehicle.home,
+        origin=vehicle.origin,
+        battery=vehicle.battery,
+        voltage=vehicle.voltage,
+        estimator_flags=vehicle.estimator_flags,
+        gps_fix=vehicle.gps_fix,
+        satellites=vehicle.satellites,
+        capabilities=vehicle.capabilities,
+        link_quality=vehicle.link_quality,
+        radio=vehicle.radio,
+        clock_offset=pilot.timesync.offset,
+        round_trip=pilot.timesync.round_trip,
+        failsafes=pilot.introduction.failsafes if pilot.introduction else (),
+        texts=tuple(text.text for text in vehicle.texts),
+        link=pilot.link,
+        counters=counts,
+    )

@@ -1,8 +1,8 @@
 """PX4 copters: OFFBOARD mode.
 
 Measured with 1.16.1: a mode change to OFFBOARD is acknowledged, but it goes to hold unless setpoints have
-been streamed for 1.5 s before; it leaves OFFBOARD 1.0 s after the last setpoint. So setpoints never stop while
-it is ours, and only a heartbeat says what mode it is in. It takes off by following them.
+been streamed for 1.5 s before; it leaves OFFBOARD 1.0 s after the last setpoint. So setpoints never stop
+while it is ours, and only a heartbeat says what mode it is in. It takes off by following them.
 """
 
 from collections.abc import Mapping

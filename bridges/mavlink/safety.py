@@ -1,6 +1,6 @@
 """When the robot's wish gives way: fallbacks, the fence, and failsafes that the mission relies on."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -88,3 +88,40 @@ def unreliable(config: PilotConfig, failsafes: Iterable[Failsafe]) -> list[str]:
         elif action != one.action:
             reasons.append(f'the mission relies on "{action}" for {cause}, but the autopilot has {one.words}')
     return reasons
+
+
+class Reserve:
+    """Chooses between the robot's wish and a fallback; one that lasts stays until `forget`."""
+
+    def __init__(self, config: PilotConfig, say: Callable[[str, str], None]) -> None:
+        self._config = config
+        self._say = say
+        self.now: Fallback | None = None
+
+    def __repr__(self) -> str:
+        return f"Reserve({self.now})"
+
+    @property
+    def grounds(self) -> bool:
+        """Whether it must come down and stay there."""
+        return self.now is not None and self.now.lasting and self.now.action in ("land", "return")
+
+    def forget(self) -> None:
+        """A person has looked at it."""
+        self.now = None
+
+    def task(self, now: float, report: VehicleReport, wanted: Wanted, robot_age: float) -> Task:
+        """What a flying vehicle does now."""
+        before, found = self.now, fallback(self._config, report, wanted, robot_age, now)
+        if before is not None and before.lasting:
+            graver = found is not None and GRAVITY[found.action] > GRAVITY[before.action]
+            found = found if graver else before
+        if found is None:
+            if before is not None:
+                self._say("info", f"over: {before.reason}")
+            self.now = None
+            return wanted.task
+        if before is None or (found.action, found.lasting) != (before.action, before.lasting):
+            self._say("warning", f"{found.reason}: {found.action}")
+        self.now = found
+        return found.task
