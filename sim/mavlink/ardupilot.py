@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 from bridges.mavlink.dialect import Message
 from sim.mavlink import telemetry
-from sim.mavlink.autopilot import CRITICAL, INFO, WARNING, Autopilot
+from sim.mavlink.autopilot import CRITICAL, INFO, TICK, WARNING, Autopilot
 from sim.mavlink.battery import Battery
 from sim.mavlink.body import Limits
 from sim.mavlink.commands import (
@@ -307,8 +307,8 @@ class ArduPilot(Autopilot):
 
     def fly(self) -> None:
         self._set_limits()
-        if self.mode == "AUTO" and self.armed and self.mission.tick(0.02):
-            self.guidance.hold()
+        if self.mode == "AUTO" and self.armed:
+            self.mission.tick(TICK)  # after its last item it stays there, in AUTO
         if self.armed:
             self._failsafes()
             self._time_out()

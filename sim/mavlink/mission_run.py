@@ -4,6 +4,7 @@ import math
 from typing import TYPE_CHECKING
 
 from sim.mavlink.plans import MISSION, Item
+from sim.mavlink.telemetry import mission_current
 
 if TYPE_CHECKING:
     from sim.mavlink.autopilot import Autopilot
@@ -34,7 +35,15 @@ class MissionRun:
 
     def wire_index(self) -> int:
         """As MISSION_CURRENT counts: with home as item 0 where the autopilot has it there."""
-        return self.index + self._vehicle.home_is_item_0
+        return min(self.index, max(len(self.items) - 1, 0)) + self._vehicle.home_is_item_0
+
+    def state(self) -> int:
+        """MISSION_STATE: none, not started, active, paused, complete."""
+        if not self.items:
+            return 1
+        if self.running:
+            return 3
+        return 5 if self.index >= len(self.items) else 2 if self.index == 0 else 4
 
     def start(self, index: int | None = None) -> None:
         """From an item, or from where it was; anew if it was at the end."""
@@ -59,6 +68,7 @@ class MissionRun:
                 return False
             self._vehicle.reached_item(self.wire_index())
             self._next(item)
+            self._vehicle.send(mission_current(self._vehicle))
             seconds = 0.0
         if not self.running or self.index < len(self.items):
             return False

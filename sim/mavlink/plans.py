@@ -13,6 +13,7 @@ MISSION, FENCE, RALLY = 0, 1, 2
 RETRY, RETRIES = 0.25, 20
 MOST = 700
 GLOBAL_FRAMES = {0, 3, 5, 6, 10, 11}
+LAST_PLACED = 90  # greater commands have no position
 FENCE_COMMANDS = {5000, 5001, 5002, 5003, 5004}
 OK, ERROR, BAD_FRAME, UNSUPPORTED, NO_SPACE, INVALID = 0, 1, 2, 3, 4, 5
 BAD_SEQUENCE, DENIED = 13, 14
@@ -144,7 +145,8 @@ class Plans:
         wanted = {FENCE: FENCE_COMMANDS, RALLY: {5100}}.get(kind, self._commands)
         if item.command not in wanted:
             return item, UNSUPPORTED
-        if not math.isfinite(item.z) or abs(item.x) > 90 or abs(item.y) > 180:
+        placed = kind != MISSION or item.command < LAST_PLACED  # what is done anywhere has no place
+        if placed and not (math.isfinite(item.z) and abs(item.x) <= 90 and abs(item.y) <= 180):
             return item, INVALID
         return item, OK
 

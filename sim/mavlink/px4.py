@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 from bridges.mavlink.dialect import Message
 from sim.mavlink import telemetry
-from sim.mavlink.autopilot import CRITICAL, INFO, WARNING, Autopilot
+from sim.mavlink.autopilot import CRITICAL, INFO, TICK, WARNING, Autopilot
 from sim.mavlink.battery import Battery
 from sim.mavlink.body import Limits
 from sim.mavlink.commands import (
@@ -281,16 +281,20 @@ class Px4(Autopilot):
         if not self.armed:
             return
         self._flown |= not self.body.on_ground
-        if self.mode == "MISSION" and self.mission.tick(0.02):
-            self.set_mode("HOLD")
+        if self.mode == "MISSION" and self.mission.tick(TICK):
+            self._hold_at_target()
         if self.mode == "TAKEOFF" and not self.body.on_ground and guidance.near_target():
-            height = guidance.target
-            self.set_mode("HOLD")
-            if height is not None:
-                guidance.goto(height)
+            self._hold_at_target()
         self._offboard()
         self._failsafes()
         self._rest_disarmed()
+
+    def _hold_at_target(self) -> None:
+        """HOLD where it was going to, not where it happens to be."""
+        target = self.guidance.target
+        self.set_mode("HOLD")
+        if target is not None and not self.body.on_ground:
+            self.guidance.goto(target)
 
     def _offboard(self) -> None:
         """Without a steady stream it is left at once, in spite of an ACCEPTED."""

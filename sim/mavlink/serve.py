@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from typing import TypeVar
 
 from sim.mavlink.autopilot import TICK, Autopilot
+from sim.mavlink.body import warm
 from sim.mavlink.carriers import Carrier, carrier_of
 from sim.mavlink.settings import Fault, Settings
 from sim.mavlink.vehicle import MavlinkVehicle
@@ -18,6 +19,7 @@ class Server:
     """A vehicle and its carriers. `speed` vehicle seconds pass in a second of the wall's."""
 
     def __init__(self, settings: Settings, urls: Sequence[str], speed: float = 1.0) -> None:
+        warm()
         self.vehicle = MavlinkVehicle(settings)
         self._selector = selectors.DefaultSelector()
         self._speed = speed

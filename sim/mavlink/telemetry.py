@@ -164,7 +164,7 @@ def position_target_global_int(v: "Autopilot") -> Message | None:
 
 def mission_current(v: "Autopilot") -> Message:
     total = len(v.plans.items[0])
-    state = 1 if not total else 3 if v.mission.running else 2
+    state = v.mission.state()
     return mavlink.MAVLink_mission_current_message(v.mission.wire_index(), total, state, int(v.armed))
 
 
@@ -205,9 +205,10 @@ def vibration(v: "Autopilot") -> Message:
 
 
 def autopilot_version(v: "Autopilot") -> Message:
-    hashed = list(b"searchpa")
+    none, serial = [0] * 8, v.settings.system_id
+    uid2 = [*b"simulated", serial, *[0] * 8]
     return mavlink.MAVLink_autopilot_version_message(
-        v.capabilities, v.version, 0, 0, 0, hashed, hashed, hashed, 0, 0, 0x5EA00 + v.settings.system_id
+        v.capabilities, v.version, 0, 0, 0, none, none, none, 0, 0, serial, uid2
     )
 
 
