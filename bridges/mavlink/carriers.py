@@ -91,7 +91,8 @@ class Udp(Carrier):
             if self._target is not None:
                 self._socket.send(data)
             else:
-                for address in [peer] if peer is not None else list(self._peers):
+                addresses: list[Any] = [peer] if peer is not None else list(self._peers)
+                for address in addresses:
                     self._socket.sendto(data, address)
         except (BlockingIOError, ConnectionError):
             return False

@@ -1,7 +1,7 @@
 """Everything that is between a robot's wish and its vehicle, without a clock, a thread or a socket.
 
 `step(now, received, wanted)` takes in what came over the link and says what to send. First the vehicle is
-found and asked who it is, what it can do and what it does by itself; then, if nothing speaks against it, flown.
+found and asked what it is, can do and does by itself; it is flown when nothing speaks against it.
 """
 
 from collections import deque
