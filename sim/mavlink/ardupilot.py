@@ -56,7 +56,7 @@ class ArduPilot(Autopilot):
 
     wire_autopilot = 3
     version = (4 << 24) | (6 << 16) | (2 << 8) | 255
-    capabilities = 1 | 2 | 4 | 8 | 32 | 128 | 256 | 0x800 | 0x1000 | 0x2000 | 0x4000
+    capabilities = 1 | 2 | 4 | 8 | 128 | 256 | 0x800 | 0x1000 | 0x2000 | 0x4000
     home_is_item_0 = 1
     mission_yaws = False
     builders = telemetry.ARDUPILOT

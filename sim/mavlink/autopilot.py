@@ -289,8 +289,33 @@ class Autopilot(ABC):
         elif kind == "PING" and message.target_system == 0:
             back = (message.get_srcSystem(), message.get_srcComponent())
             self._out.append(mavlink.MAVLink_ping_message(message.time_usec, message.seq, *back))
+        elif kind == "FILE_TRANSFER_PROTOCOL":
+            self._refuse_files(message)
         elif kind == "REQUEST_DATA_STREAM":
             self._data_stream(message)
+
+    def _refuse_files(self, message: Message) -> None:
+        """There are no files: a NAK (128 + 1) for an unknown command (7), so that nobody waits."""
+        asked = list(message.payload)
+        sequence = asked[0] | asked[1] << 8
+        answer = [
+            sequence + 1 & 255,
+            sequence + 1 >> 8 & 255,
+            asked[2],
+            129,
+            1,
+            asked[3],
+            0,
+            0,
+            0,
+            0,
+            0,
+            0,
+            7,
+        ]
+        back = (message.get_srcSystem(), message.get_srcComponent())
+        padded = answer + [0] * (251 - len(answer))
+        self._out.append(mavlink.MAVLink_file_transfer_protocol_message(0, *back, padded))
 
     def _mission_message(self, message: Message) -> None:
         if message.get_type() == "MISSION_SET_CURRENT":

@@ -51,7 +51,7 @@ class Px4(Autopilot):
 
     wire_autopilot = 12
     version = (1 << 24) | (16 << 16) | (1 << 8) | 255
-    capabilities = 2 | 4 | 16 | 32 | 64 | 128 | 256 | 0x800 | 0x1000 | 0x2000 | 0x4000 | 0x10000
+    capabilities = 2 | 4 | 16 | 64 | 128 | 256 | 0x800 | 0x1000 | 0x2000 | 0x4000 | 0x10000
     home_is_item_0 = 0
     mission_yaws = True
     builders = telemetry.PX4

@@ -15,6 +15,7 @@ ARDUPILOT_EKF_WAITING = 167  # attitude, velocity, vertical position; constant p
 PX4_EKF_READY = 1 | 2 | 4 | 8 | 16 | 32 | 256 | 512
 PX4_EKF_WAITING = 1 | 4 | 32 | 128
 SENSORS = 0x1 | 0x2 | 0x4 | 0x8 | 0x20 | 0x400 | 0x800 | 0x1000 | 0x4000 | 0x8000 | 0x200000
+GEOFENCE = 0x100000
 GPS, PRE_ARM, BATTERY = 0x20, 0x10000000, 0x2000000
 SKY = 10  # satellites
 
@@ -29,7 +30,7 @@ def heartbeat(v: "Autopilot") -> Message:
 
 def sys_status(v: "Autopilot") -> Message:
     present = SENSORS | PRE_ARM | BATTERY
-    health = present
+    health = present | GEOFENCE
     if not v.has_position():
         health &= ~GPS
     if v.arming_trouble():
