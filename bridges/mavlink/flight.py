@@ -183,6 +183,14 @@ class Flight:
         return out
 
     def _climbing(self, now: float, report: VehicleReport, task: Task) -> list[Message]:
+        if self._climbed(report):
+            self._starts, self.trouble = 0, ""
+            self._setpoints.let_go()
+            self._enter("flying", now)
+            return self._flying(now, report, task)
+        if isinstance(task, Land | Return):
+            self._enter("landing", now)
+            return self._down(now, report, task)
         height = self._config.take_off_height
         command = self.autopilot.take_off(height)
         out: list[Message] = []
@@ -192,14 +200,6 @@ class Flight:
         elif "take off" not in self._asked:
             self._asked["take off"] = now
             self._commands.ask(command, urgent=True)
-        if isinstance(task, Land | Return):
-            self._enter("landing", now)
-            return out
-        if self._climbed(report):
-            self._starts, self.trouble = 0, ""
-            self._setpoints.let_go()
-            self._enter("flying", now)
-            return self._flying(now, report, task)
         if now - self._began > CLIMB_PATIENCE:
             self._say("error", f"it did not climb to {height:g} m within {CLIMB_PATIENCE:g} s; it lands")
             self.trouble, self.grounded = "it did not climb", True

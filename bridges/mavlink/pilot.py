@@ -23,6 +23,7 @@ from bridges.mavlink.wanted import Drive, GoTo, TakeOff, Wanted
 
 LOST = 4.5  # s without a heartbeat
 TURNS, TURN_TIME = 3, 10.0  # so often the clock goes back within s where two vehicles share an id
+ONE_REBOOT = 10.0  # s within which all signs are of the same
 EVENTS = 200
 
 
@@ -57,7 +58,8 @@ class Pilot:
         self.captured: float | None = None  # when position and velocity were true, on our clock
         self.link = LinkState()
         self._now = 0.0
-        self._reboots = 0
+        self._reboots = 0  # signs of one
+        self._rebooted = -ONE_REBOOT
         self._errands: list[Errand] = []
 
     def __repr__(self) -> str:
@@ -144,15 +146,18 @@ class Pilot:
         return []
 
     def _notice_reboot(self, now: float) -> None:
-        if self.vehicle.reboots == self._reboots:
+        signs = self.vehicle.reboots + self.timesync.jumps
+        if signs == self._reboots:
             return
-        self._reboots = self.vehicle.reboots
+        self._reboots = signs
         self.timesync.reset()
         if self.introduction is not None:
             self.introduction.remind()
         self.vehicle.home = self.vehicle.origin = None
         self.vehicle.estimator_flags = None
-        self.say("warning", f"system {self.identity.system} has started anew")
+        if now - self._rebooted > ONE_REBOOT:  # its messages show it one after the other
+            self.say("warning", f"system {self.identity.system} has started anew")
+        self._rebooted = now
 
     def _wrong(self, now: float) -> str | None:
         turns = [turn for turn in self.vehicle.turns if now - turn < TURN_TIME]

@@ -13,7 +13,7 @@ from estimator.arrays import FloatArray
 
 NO_POSITION, NO_VELOCITY, NO_ACCELERATION, NO_YAW, NO_YAW_RATE = 0x007, 0x038, 0x1C0, 0x400, 0x800
 PERIOD = 0.1  # s between setpoints that say the same
-SHORTEST = 0.02  # s between any two
+SHORTEST = 0.02  # s between any setpoint and the next but one
 LOCAL_NED = mavlink.MAV_FRAME_LOCAL_NED
 
 
@@ -46,7 +46,7 @@ class Setpoints:
         self._target = target
         self._stale = stale
         self._held: FloatArray | None = None
-        self._sent = -math.inf
+        self._sent = self._sent_before = -math.inf
         self._last: tuple[object, ...] = ()
 
     def __repr__(self) -> str:
@@ -77,9 +77,12 @@ class Setpoints:
         return [velocity_setpoint(self._target, _boot(now), velocity, yaw)]
 
     def _due(self, now: float, setpoint: tuple[object, ...]) -> bool:
-        if now - self._sent < (PERIOD - 1e-3 if setpoint == self._last else SHORTEST):
+        if setpoint == self._last:
+            if now - self._sent < PERIOD - 1e-3:
+                return False
+        elif now - self._sent_before < SHORTEST:
             return False
-        self._sent, self._last = now, setpoint
+        self._sent_before, self._sent, self._last = self._sent, now, setpoint
         return True
 
 

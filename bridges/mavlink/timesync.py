@@ -12,6 +12,7 @@ from bridges.mavlink.dialect import Message, mavlink
 BURST = 8  # quick questions at the beginning
 QUICK, SLOW = 0.1, 1.0  # s between questions
 GAIN = 0.2
+JUMP = 0.5  # s of offset that no clock drifts between two questions
 LATE = 1.0  # s: a capture longer ago than this is not believed
 
 
@@ -26,6 +27,7 @@ class TimeSync:
         self.offset: float | None = None  # s, its clock minus ours
         self.round_trip: float | None = None  # s, of the fastest of late
         self.answers = 0
+        self.jumps = 0  # its clock was set, or began anew
 
     def __repr__(self) -> str:
         return f"TimeSync(offset={self.offset}, round_trip={self.round_trip}, answers={self.answers})"
@@ -55,8 +57,11 @@ class TimeSync:
         if trip > 2 * self.round_trip + 0.002:
             return []
         offset = message.tc1 / 1e9 - (now - trip / 2)
-        if self.offset is None or abs(offset - self.offset) > 0.5:
+        if self.offset is None:
             self.offset = offset
+        elif abs(offset - self.offset) > JUMP:
+            self.offset = offset
+            self.jumps += 1
         else:
             self.offset += GAIN * (offset - self.offset)
         self.answers += 1
