@@ -23,7 +23,6 @@ from sim.mavlink.streams import Streams
 
 TICK = 0.02  # s
 STEPS = 4  # control steps a tick
-EPOCH_US = 1_750_000_000_000_000  # what its GPS says when the driver's clock shows 0
 CRITICAL, ERROR, WARNING, NOTICE, INFO = 2, 3, 4, 5, 6
 Geodetic = tuple[float, float, float]
 
@@ -113,7 +112,7 @@ class Autopilot(ABC):
         return round((self.now - self._booted + self.settings.clock_offset) * 1000) % 2**32
 
     def unix_us(self) -> int:
-        return EPOCH_US + round((self.now + self.settings.clock_offset) * 1e6)
+        return round((self.settings.unix_start + self.switched_on()) * 1e6)
 
     def has_position(self) -> bool:
         return self.now - self._booted >= self.settings.ready_after and not self.fault("no_position")

@@ -7,6 +7,7 @@ from bridges.mavlink.dialect import Message, mavlink
 from sim.mavlink.settings import Faults, Settings
 
 MARKER_2 = 0xFD
+SIGNING_EPOCH = 1_420_070_400.0  # s since 1970 at 2015-01-01, from which signatures count 10 µs
 
 
 class _Nowhere:
@@ -35,6 +36,7 @@ class Port:
             return []
         if peer not in self._parsers:
             self._parsers[peer] = self._made()
+            self._parsers[peer].signing.timestamp = self._signing_time(time)
         heard: list[Message] = []
         for message in self._parsers[peer].parse_buffer(data) or []:
             if message.get_type() == "BAD_DATA":
@@ -66,12 +68,14 @@ class Port:
             return []
         if self._lost(time):
             return []
-        frame = self._packed(message)
+        frame = self._packed(message, time)
         if self._happens("truncated", time):
             return [frame[: self._chance.randrange(1, len(frame))]]
         return [frame, frame] if self._happens("repeated", time) else [frame]
 
-    def _packed(self, message: Message) -> bytes:
+    def _packed(self, message: Message, time: float) -> bytes:
+        signing = self._packer.signing
+        signing.timestamp = max(signing.timestamp, self._signing_time(time))
         frame: bytes = message.pack(self._packer, force_mavlink1=self._settings.version_1)
         self._packer.seq = (self._packer.seq + 1) % 256
         return frame
@@ -88,7 +92,7 @@ class Port:
         while self._flood >= 1.0:
             self._flood -= 1.0
             ms = round(time * 1000) % 2**32
-            frames.append(self._packed(mavlink.MAVLink_named_value_float_message(ms, b"flood", time)))
+            frames.append(self._packed(mavlink.MAVLink_named_value_float_message(ms, b"flood", time), time))
         return frames
 
     def _lost(self, time: float) -> bool:
@@ -98,6 +102,9 @@ class Port:
         chance = self._faults.amount(kind, time)  # type: ignore[arg-type]
         return chance > 0.0 and self._chance.random() < chance
 
+    def _signing_time(self, time: float) -> int:
+        return round((self._settings.unix_start + time - SIGNING_EPOCH) * 1e5)
+
     def _made(self) -> "mavlink.MAVLink":
         made = mavlink.MAVLink(_Nowhere(), srcSystem=self._settings.system_id, srcComponent=1)
         made.robust_parsing = True
@@ -105,7 +112,6 @@ class Port:
         if key is not None:
             made.signing.secret_key = key
             made.signing.sign_outgoing = True
-            made.signing.timestamp = 0
             made.signing.allow_unsigned_callback = _only_radio
         return made
 

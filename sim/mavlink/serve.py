@@ -20,7 +20,7 @@ class Server:
 
     def __init__(self, settings: Settings, urls: Sequence[str], speed: float = 1.0) -> None:
         warm()
-        self.vehicle = MavlinkVehicle(settings)
+        self.vehicle = MavlinkVehicle(settings.but(unix_start=time.time()))
         self._selector = selectors.DefaultSelector()
         self._speed = speed
         self._urls = list(urls)

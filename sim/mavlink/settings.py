@@ -119,6 +119,7 @@ class Settings:
     flight_time: float = 1200.0  # s that a full battery lasts in the air
     warm_up: float = 1.5  # s of setpoints that PX4 wants before OFFBOARD
     clock_offset: float = 0.0  # s by which its clock since boot is ahead of the driver's
+    unix_start: float = 1_750_000_000.0  # s since 1970 when it is switched on, by its GPS
     default_streams: bool = False  # True: a PX4 on its onboard link streams without being asked
     version_1: bool = False  # speaks and understands MAVLink 1 only
     signing_key: bytes | None = None  # 32 bytes; unsigned and wrongly signed frames are dropped silently
