@@ -7,7 +7,7 @@ and a healed one is found within two seconds. A TCP or serial line long silent i
 import select
 import socket
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from bridges.mavlink.wire import HEARTBEAT, Wire
 FIRST_PAUSE, LONGEST_PAUSE = 0.1, 1.0  # s between tries
 SILENCE = 6.0  # s after which a line that should speak is opened anew
 AUTOPILOT = 1  # component id
-TWICE = 3.0  # s within which one id from two addresses is two vehicles
+MOVES, TWICE = 3, 5.0  # so many moves of an id between addresses within s are two vehicles
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +59,7 @@ class Port:
         self._next_try = 0.0
         self._heard = 0.0
         self._routes: dict[int, object] = {}  # system -> the peer that speaks for it
-        self._elsewhere: dict[int, tuple[object, float, float]] = {}
+        self._moves: dict[int, deque[float]] = {}  # when a system was heard from another peer than before
         self._ear, self._bell = socket.socketpair()
         self._ear.setblocking(False)
         self._bell.setblocking(False)
@@ -70,9 +70,8 @@ class Port:
     def state(self) -> LinkState:
         """A snapshot for the pilot and for people."""
         now = self._clock()
-        doubled = {
-            s for s, (_, old, new) in self._elsewhere.items() if now - old < TWICE and now - new < TWICE
-        }
+        # One that came up again elsewhere moves once; two that take turns move again and again.
+        doubled = {s for s, moves in self._moves.items() if len(moves) == MOVES and now - moves[0] < TWICE}
         return LinkState(
             open=self._carrier is not None,
             trouble=self._trouble,
@@ -171,11 +170,11 @@ class Port:
     def _read(self, carrier: Carrier) -> list[Message]:
         found: list[Message] = []
         for data, peer in carrier.read():
+            self._heard = self._clock()
             for message in self.wire.parse(data, peer, carrier.datagrams):
                 found.append(message)
                 self._route(message, peer)
         if found:
-            self._heard = self._clock()
             self._pause = FIRST_PAUSE
         return found
 
@@ -185,7 +184,5 @@ class Port:
         system, now = message.get_srcSystem(), self._clock()
         known = self._routes.get(system)
         if known is not None and known != peer:
-            other, _, last = self._elsewhere.get(system, (peer, 0.0, 0.0))
-            # Two that take turns are two vehicles; one that came up again elsewhere is heard no more here.
-            self._elsewhere[system] = (known, last if other == peer else 0.0, now)
+            self._moves.setdefault(system, deque(maxlen=MOVES)).append(now)
         self._routes[system] = peer

@@ -27,7 +27,7 @@ class TimeSync:
         self.offset: float | None = None  # s, its clock minus ours
         self.round_trip: float | None = None  # s, of the fastest of late
         self.answers = 0
-        self.jumps = 0  # its clock was set, or began anew
+        self.jumps = 0  # how often its clock went back
 
     def __repr__(self) -> str:
         return f"TimeSync(offset={self.offset}, round_trip={self.round_trip}, answers={self.answers})"
@@ -60,8 +60,8 @@ class TimeSync:
         if self.offset is None:
             self.offset = offset
         elif abs(offset - self.offset) > JUMP:
+            self.jumps += offset < self.offset  # forward it may be set, back it goes only with a new start
             self.offset = offset
-            self.jumps += 1
         else:
             self.offset += GAIN * (offset - self.offset)
         self.answers += 1

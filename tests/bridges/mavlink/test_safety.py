@@ -8,7 +8,7 @@ from bridges.mavlink.pilot_config import Fallbacks, PilotConfig
 from bridges.mavlink.wanted import GoTo, Hold, TakeOff, Wanted
 from estimator.arrays import FloatArray
 from sim.mavlink.settings import Settings
-from tests.bridges.mavlink.air import ARM, Air
+from tests.bridges.mavlink.air import ARM, STEP, Air
 
 ARDUCOPTER, PX4 = Settings(autopilot="ardupilot"), Settings(autopilot="px4")
 COPTERS = pytest.mark.parametrize("settings", [ARDUCOPTER, PX4], ids=["ardupilot", "px4"])
@@ -225,3 +225,45 @@ def test_the_graver_fallback_wins(action: str) -> None:
     air.wanted, air.robot_age = Wanted(Hold(), team_age=5.0), 5.0
     air.fly(4.0)
     assert air.pilot.phase == ("landing" if action == "land" else "flying")
+
+
+def deaf(air: Air, seconds: float) -> None:
+    """The robot's process has died: nobody sends any more."""
+    for _ in range(round(seconds / STEP)):
+        air.now += STEP
+        air.vehicle.step(air.now, [])
+
+
+def test_when_the_robot_dies_an_ardupilot_flies_to_its_last_setpoint_and_holds_there() -> None:
+    air = Air(ARDUCOPTER)
+    air.airborne()
+    air.want(GoTo(np.array([12.0, 0.0, -5.0])))
+    air.fly(1.0)
+    deaf(air, 20.0)
+    assert air.autopilot.mode == "GUIDED"
+    air.fly(1.0)
+    assert air.at([12.0, 0.0, -5.0])
+
+
+def test_when_the_robot_dies_a_px4_leaves_offboard_after_a_second() -> None:
+    air = Air(PX4)
+    air.airborne()
+    deaf(air, 0.7)
+    assert air.autopilot.mode == "OFFBOARD"
+    deaf(air, 0.8)
+    assert air.autopilot.mode != "OFFBOARD"
+
+
+@COPTERS
+def test_a_heartbeat_that_stops_while_it_is_being_armed_arms_nothing_more(settings: Settings) -> None:
+    air = Air(settings)
+    air.want(TakeOff())
+    assert air.until(lambda: bool(air.commands(ARM)), 20.0)
+    air.fault("mute")
+    air.fly(6.0)
+    since = air.now
+    air.fly(15.0)
+    assert air.pilot.phase == "lost"
+    assert not air.commands(ARM, since)
+    assert not air.commands(mavlink.MAV_CMD_NAV_TAKEOFF)
+    assert abs(air.autopilot.body.position[2]) < 0.5
