@@ -17,6 +17,7 @@ from bridges.mavlink.dialect import Message, mavlink
 from bridges.mavlink.pilot_config import PilotConfig
 from bridges.mavlink.safety import forbidden
 from bridges.mavlink.setpoints import Setpoints
+from bridges.mavlink.takeover import UNTIL, taken_by, who
 from bridges.mavlink.vehicle_state import VehicleReport
 from bridges.mavlink.wanted import Drive, GoTo, Hold, Land, Rest, Return, TakeOff, Task
 from estimator.arrays import FloatArray
@@ -25,9 +26,9 @@ MODE_PATIENCE = 6.0  # s for a mode or arming to show in heartbeats
 CLIMB_PATIENCE = 45.0
 AGAIN = 5.0  # s before a refused start is tried again
 STARTS = 4  # tries before a person must look
+STANDS, STOOD = 0.1, 3.0  # m/s and s: a rover so slow for so long has come to a stop
 CLIMBED = 0.5  # m below the take-off height that are high enough
 OURS = frozenset({"climbing", "flying", "landing", "returning"})
-UNTIL = "it is left alone until resumed"
 Say = Callable[[str, str], None]
 
 
@@ -104,7 +105,9 @@ class Flight:
 
     def step(self, now: float, report: VehicleReport, task: Task, reasons: list[str]) -> list[Message]:
         """What to send now. `reasons` say why it may not be armed."""
-        self._watch(now, report)
+        taken = taken_by(self.phase, "there" in self._asked, self.autopilot, report, now)
+        if taken is not None:
+            self.take_over(now, taken)
         if self.phase == "taken over":
             return []
         if self.phase == "ready":
@@ -161,7 +164,7 @@ class Flight:
         if self.autopilot.mode(report) != guided:
             mode = self.autopilot.mode(report)
             if "guided" in self._asked or mode != self._mode_before:
-                self.take_over(now, self._who(now, report, mode))
+                self.take_over(now, who(report, mode, now))
                 return []
             self._ask_mode(now, guided)
             return out
@@ -221,12 +224,10 @@ class Flight:
             self._refuse(refused)
             return self._setpoints.hold(now, report)
         if isinstance(task, GoTo):
-            self._setpoints.let_go()
-            self._refused = ""
+            self._permitted()
             return self._setpoints.position(now, task.position, task.yaw)
         if isinstance(task, Drive):
-            self._setpoints.let_go()
-            self._refused = ""
+            self._permitted()
             return self._setpoints.velocity(now, task.velocity, task.yaw)
         return self._setpoints.hold(now, report)
 
@@ -243,14 +244,12 @@ class Flight:
         mode = self.autopilot.land_mode if self.phase == "landing" else self.autopilot.return_mode
         if self.autopilot.mode(report) != mode:
             self._ask_mode(now, mode)
-            return (
-                self._setpoints.hold(now, report)
-                if self.autopilot.mode(report) == self.autopilot.guided
-                else []
-            )
+            guided = self.autopilot.mode(report) == self.autopilot.guided
+            return self._setpoints.hold(now, report) if guided else []
         self._asked.setdefault("there", now)
-        still = report.velocity is not None and float(np.linalg.norm(report.velocity)) < 0.3
-        if self.autopilot.body == "rover" and self.phase == "landing" and still:
+        if report.velocity is None or float(np.linalg.norm(report.velocity)) > STANDS:
+            self._asked["there"] = now  # still on its way
+        if self.autopilot.body == "rover" and now - self._asked["there"] > STOOD:
             self._ask(now, "disarm", lambda: self._commands.ask(arm(False)))
         elif isinstance(task, GoTo | Drive | Hold | TakeOff) and report.in_air and not self.grounded:
             self._taking = True  # our own landing, called off
@@ -259,31 +258,6 @@ class Flight:
             self._mode_before = self.autopilot.mode(report)
             self._enter("engaging", now)
         return []
-
-    # -- who flies it
-
-    def _watch(self, now: float, report: VehicleReport) -> None:
-        """Whether somebody else has taken it over."""
-        mode = self.autopilot.mode(report)
-        if self.phase in ("climbing", "flying"):
-            if not report.armed:
-                self.take_over(now, f"it was disarmed in mode {mode} while it was ours")
-            elif mode != self.autopilot.guided:
-                self.take_over(now, self._who(now, report, mode))
-        elif self.phase in ("landing", "returning") and report.armed:
-            own = self.autopilot.land_mode if self.phase == "landing" else self.autopilot.return_mode
-            fine = {own, self.autopilot.land_mode} if "there" in self._asked else {own, self.autopilot.guided}
-            if "there" not in self._asked:
-                fine |= {self.autopilot.land_mode, self.autopilot.return_mode}
-            if mode not in fine:
-                self.take_over(now, self._who(now, report, mode))
-
-    def _who(self, now: float, report: VehicleReport, mode: str) -> str:
-        said = [text for text in report.since(now - 5) if "failsafe" in text.lower()]
-        if said or report.system_status >= mavlink.MAV_STATE_CRITICAL:
-            because = f": {'; '.join(dict.fromkeys(said))}" if said else ""
-            return f"the autopilot's own failsafe took it to mode {mode}{because}; {UNTIL}"
-        return f"somebody took it over: mode {mode}; {UNTIL}"
 
     def _fail(self, now: float, why: str, tried: bool = True) -> None:
         self.trouble = why
@@ -298,6 +272,11 @@ class Flight:
         self._not_before = now + AGAIN
         if self._starts >= STARTS:
             self._say("error", f"it was not started after {STARTS} tries ({why}); resume it to try again")
+
+    def _permitted(self) -> None:
+        self._setpoints.let_go()
+        if self._refused:
+            self._refused = self.trouble = ""
 
     def _refuse(self, why: str) -> None:
         self.trouble = why

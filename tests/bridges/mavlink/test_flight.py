@@ -196,3 +196,22 @@ def test_other_traffic_lost_frames_and_garbage_do_not_keep_it_from_flying(settin
     assert air.until(lambda: air.at([5.0, 0.0, -5.0]), 90.0), air.said()
     assert air.wire.counters["garbage_bytes"] > 1000
     assert air.report.link_quality < 1.0
+
+
+def test_a_rover_returns_stops_and_is_disarmed() -> None:
+    air = Air(ROVER)
+    air.want(GoTo(np.array([10.0, 0.0, 0.0])))
+    assert air.until(lambda: air.at([10.0, 0.0, 0.0]), 40.0), air.said()
+    air.want(Return())
+    assert air.until(lambda: air.pilot.phase == "ready" and not air.report.armed, 60.0), air.said()
+    assert np.linalg.norm(air.report.position) < 2.0  # type: ignore[arg-type]
+
+
+def test_a_landing_that_is_called_off_flies_on() -> None:
+    air = Air(ARDUCOPTER)
+    air.airborne(height=8.0)
+    air.want(Land())
+    air.fly(2.5)
+    assert air.pilot.phase == "landing"
+    air.want(GoTo(np.array([3.0, 0.0, -8.0])))
+    assert air.until(lambda: air.at([3.0, 0.0, -8.0]), 20.0), air.said()
