@@ -42,6 +42,10 @@ class Parameters:
             value = min(max(round(value), low), high)
         self._values[name] = float(value)
 
+    @property
+    def count(self) -> int:
+        return len(self._names)
+
     def receive(self, message: Message) -> list[Message]:
         """The answers to a PARAM_* message; a list follows with `tick`."""
         kind = message.get_type()
