@@ -9,6 +9,7 @@ from collections.abc import Callable
 
 from bridges.mavlink.dialect import Message
 from sim.mavlink import telemetry
+from sim.mavlink.ardupilot_failsafes import NEED_NO_POSITION, RETURNING, Failsafes
 from sim.mavlink.autopilot import CRITICAL, INFO, TICK, WARNING, Autopilot
 from sim.mavlink.battery import Battery
 from sim.mavlink.body import Limits
@@ -44,11 +45,7 @@ ROVER_MODES = {
     "MANUAL": 0, "ACRO": 1, "STEERING": 3, "HOLD": 4, "LOITER": 5, "AUTO": 10, "RTL": 11, "SMART_RTL": 12,
     "GUIDED": 15,
 }  # fmt: skip
-NEED_NO_POSITION = {"STABILIZE", "ACRO", "ALT_HOLD", "LAND", "GUIDED_NOGPS", "MANUAL", "HOLD"}
 NOT_ARMABLE = {"RTL", "LAND", "SMART_RTL", "CIRCLE", "BRAKE"}
-RETURNING = {"RTL", "SMART_RTL"}
-BATTERY_ACTIONS = {1: "LAND", 2: "RTL", 3: "SMART_RTL", 4: "SMART_RTL"}
-GCS_ACTIONS = {1: "RTL", 3: "SMART_RTL", 4: "SMART_RTL", 5: "LAND", 7: "BRAKE"}
 
 
 class ArduPilot(Autopilot):
@@ -63,11 +60,8 @@ class ArduPilot(Autopilot):
 
     def __init__(self, settings: Settings) -> None:
         self.modes = COPTER_MODES if settings.type == "copter" else ROVER_MODES
-        self._holding = "LOITER" if settings.type == "copter" else "HOLD"
-        self._gcs_heard: float | None = None
-        self._gcs_lost = False
+        self.holding = "LOITER" if settings.type == "copter" else "HOLD"
         self._last_setpoint = 0.0
-        self._battery_stage = 0
         table = ARDUCOPTER if settings.type == "copter" else ARDUROVER
         changed = {"SYSID_THISMAV": settings.system_id} | settings.parameters
         super().__init__(
@@ -77,6 +71,7 @@ class ArduPilot(Autopilot):
             Plans(COMMANDS, home_first=True),
             Battery(settings.flight_time, full=12.6, empty=10.2),
         )
+        self.failsafes = Failsafes(self)
         self.commands: dict[int, Callable[[Command], int]] = {
             ARM_DISARM: self._arm_disarm,
             SET_MODE_COMMAND: lambda c: self._change_mode(c.params[0], c.params[1]),
@@ -300,8 +295,7 @@ class ArduPilot(Autopilot):
     def heard_heartbeat(self, message: Message) -> None:
         """Only the ground station of SYSID_MYGCS counts, whatever else is heard."""
         if message.get_srcSystem() == int(self.parameters["SYSID_MYGCS"]):
-            self._gcs_heard = self.now
-            self._gcs_lost = False
+            self.failsafes.heard_station()
 
     # --- every tick ---
 
@@ -310,7 +304,7 @@ class ArduPilot(Autopilot):
         if self.mode == "AUTO" and self.armed:
             self.mission.tick(TICK)  # after its last item it stays there, in AUTO
         if self.armed:
-            self._failsafes()
+            self.failsafes.check()
             self._time_out()
             self._rest_disarmed()
 
@@ -342,46 +336,3 @@ class ArduPilot(Autopilot):
         if landing or (delay > 0 and self.now - self.armed_at > delay):
             self.say(INFO, "Disarming motors")
             self.disarm()
-
-    def _failsafes(self) -> None:
-        p = self.parameters
-        copter = self.settings.type == "copter"
-        silence = 0.0 if self._gcs_heard is None else self.now - self._gcs_heard
-        if p["FS_GCS_ENABLE"] and not self._gcs_lost and silence > p["FS_GCS_TIMEOUT"]:
-            self._gcs_lost = True
-            action = GCS_ACTIONS.get(int(p["FS_GCS_ENABLE"]), "RTL")
-            if not copter:
-                action = {1: "RTL", 2: "HOLD"}.get(int(p["FS_ACTION"]), "HOLD")
-            self._fail_safe("GCS Failsafe", action)
-        stage = 2 if self._below("CRT") else 1 if self._below("LOW") else 0
-        if stage > self._battery_stage:
-            self._battery_stage = stage
-            which = "CRT" if stage == 2 else "LOW"
-            word = "critical" if stage == 2 else "low"
-            text = f"Battery 1 is {word} {self.battery.volts():.2f}V used 0 mAh"
-            self._fail_safe(text, BATTERY_ACTIONS.get(int(p[f"BATT_FS_{which}_ACT"])))
-        lost = not self.has_position() or self.fault("bad_estimate")
-        if copter and lost and self.mode not in NEED_NO_POSITION and not self.body.on_ground:
-            self._fail_safe("EKF Failsafe", "LAND" if p["FS_EKF_ACTION"] else None)
-        flying = copter and not self.body.on_ground and self.mode not in RETURNING | {"LAND"}
-        if flying and not self.inside_fence(self.body.position):
-            self._fail_safe("Fence Breached", {1: "RTL", 2: "LAND"}.get(int(p["FENCE_ACTION"])))
-
-    def _below(self, which: str) -> bool:
-        p = self.parameters
-        volts, charge = p[f"BATT_{which}_VOLT"], p[f"BATT_{which}_MAH"]
-        left = self.battery.left * p["BATT_CAPACITY"]
-        return bool((volts > 0 and self.battery.volts() < volts) or (charge > 0 and left < charge))
-
-    def _fail_safe(self, text: str, mode: str | None) -> None:
-        self.say(CRITICAL, text)
-        if mode is None:
-            return
-        self.critical = True
-        if self.body.on_ground and self.body.flies:
-            self.disarm()
-            return
-        if mode == "BRAKE":
-            mode = self._holding
-        if self.set_mode(mode) is not None:
-            self.set_mode("LAND" if self.settings.type == "copter" else "HOLD")
