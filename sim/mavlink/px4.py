@@ -26,12 +26,12 @@ from sim.mavlink.commands import (
     UNSUPPORTED,
     Command,
 )  # fmt: skip
-from sim.mavlink.fence import outside
 from sim.mavlink.geodesy import Azimuthal
 from sim.mavlink.mission_run import COMMANDS
 from sim.mavlink.parameter_tables import PX4 as TABLE
 from sim.mavlink.parameters import Parameters
 from sim.mavlink.plans import Plans
+from sim.mavlink.px4_failsafes import NEED_NO_POSITION, Failsafes
 from sim.mavlink.setpoints import BODY_NED, LOCAL_NED, Setpoint, known
 from sim.mavlink.settings import Settings
 
@@ -39,11 +39,8 @@ MODES = {  # main mode, sub mode
     "MANUAL": (1, 0), "ALTCTL": (2, 0), "POSCTL": (3, 0), "ACRO": (5, 0), "OFFBOARD": (6, 0),
     "STABILIZED": (7, 0), "TAKEOFF": (4, 2), "HOLD": (4, 3), "MISSION": (4, 4), "RTL": (4, 5), "LAND": (4, 6),
 }  # fmt: skip
-NEED_NO_POSITION = {"MANUAL", "ALTCTL", "ACRO", "STABILIZED", "LAND"}
 NOT_ARMABLE = {"RTL", "LAND"}
 GAP = 0.5  # s: a longer pause begins a new stream of setpoints
-DATA_LINK_ACTIONS = {1: "HOLD", 2: "RTL", 3: "LAND"}
-FENCE_ACTIONS = {2: "HOLD", 3: "RTL", 5: "LAND"}
 
 
 class Px4(Autopilot):
@@ -58,10 +55,6 @@ class Px4(Autopilot):
 
     def __init__(self, settings: Settings) -> None:
         self._stream: tuple[float, float] | None = None  # when it began, when the last setpoint came
-        self._gcs_heard: float | None = None
-        self._gcs_lost = False
-        self._warned = 0
-        self._breached = False
         self._flown = False
         super().__init__(
             settings,
@@ -72,6 +65,7 @@ class Px4(Autopilot):
             Plans(COMMANDS, home_first=False),
             Battery(settings.flight_time, full=16.2, empty=14.0),
         )
+        self.failsafes = Failsafes(self)
         self._cruise = self.parameters["MPC_XY_CRUISE"]
         self.guidance.faces_way = True
         self.commands: dict[int, Callable[[Command], int]] = {
@@ -265,8 +259,7 @@ class Px4(Autopilot):
     def heard_heartbeat(self, message: Message) -> None:
         """Any ground station counts."""
         if message.type == 6:
-            self._gcs_heard = self.now
-            self._gcs_lost = False
+            self.failsafes.heard_station()
 
     # --- every tick ---
 
@@ -285,8 +278,7 @@ class Px4(Autopilot):
             self._hold_at_target()
         if self.mode == "TAKEOFF" and not self.body.on_ground and guidance.near_target():
             self._hold_at_target()
-        self._offboard()
-        self._failsafes()
+        self.failsafes.check()
         self._rest_disarmed()
 
     def _hold_at_target(self) -> None:
@@ -296,21 +288,12 @@ class Px4(Autopilot):
         if target is not None and not self.body.on_ground:
             self.guidance.goto(target)
 
-    def _offboard(self) -> None:
-        """Without a steady stream it is left at once, in spite of an ACCEPTED."""
-        if self.mode != "OFFBOARD":
-            return
+    def stream_trouble(self) -> bool:
+        """Whether the setpoints are too few for OFFBOARD: none lately, or not for long enough before."""
         stream = self._stream
-        silent = stream is None or self.now - stream[1] > self.parameters["COM_OF_LOSS_T"]
-        if silent or (stream is not None and stream[1] - stream[0] < self.settings.warm_up):
-            self.say(CRITICAL, "Failsafe activated: No offboard control signal")
-            self.critical = True
-            action = {1: "LAND", 2: "HOLD", 3: "RTL"}.get(self._offboard_action(), "HOLD")
-            self.set_mode(action)
-
-    def _offboard_action(self) -> int:
-        """COM_OBL_RC_ACT: 3 returns, 4 lands, 5 holds; the others need a remote control and hold without."""
-        return {3: 3, 4: 1, 5: 2}.get(int(self.parameters["COM_OBL_RC_ACT"]), 2)
+        if stream is None or self.now - stream[1] > self.parameters["COM_OF_LOSS_T"]:
+            return True
+        return stream[1] - stream[0] < self.settings.warm_up
 
     def _rest_disarmed(self) -> None:
         if not self.body.on_ground:
@@ -322,43 +305,3 @@ class Px4(Autopilot):
         if delay > 0 and self.now - self.armed_at > delay:
             self.say(INFO, "Disarmed by landing" if self._flown else "Disarmed by auto preflight disarming")
             self.disarm()
-
-    def _failsafes(self) -> None:
-        p = self.parameters
-        silence = 0.0 if self._gcs_heard is None else self.now - self._gcs_heard
-        if p["NAV_DLL_ACT"] and not self._gcs_lost and silence > p["COM_DL_LOSS_T"]:
-            self._gcs_lost = True
-            action = DATA_LINK_ACTIONS.get(int(p["NAV_DLL_ACT"]))
-            self._fail_safe("Failsafe activated: GCS connection lost", action)
-        left = self.battery.left
-        level = 3 if left < p["BAT_EMERGEN_THR"] else 2 if left < p["BAT_CRIT_THR"] else 0
-        level = level or (1 if left < p["BAT_LOW_THR"] else 0)
-        if level > self._warned:
-            self._warned = level
-            act = int(p["COM_LOW_BAT_ACT"])
-            action = {2: "LAND", 3: "LAND" if level == 3 else "RTL"}.get(act) if level >= 2 else None
-            word = {1: "Low", 2: "Critical", 3: "Emergency"}[level]
-            self._fail_safe(f"{word} battery level", action)
-        if not self.body.on_ground and self.mode not in NEED_NO_POSITION and not self.has_position():
-            self._fail_safe("Failsafe activated: Position estimate lost", "LAND")
-        breached = not self._inside_fence()
-        if breached and not self._breached and not self.body.on_ground:
-            self._fail_safe("Geofence exceeded", FENCE_ACTIONS.get(int(p["GF_ACTION"])))
-        self._breached = breached
-
-    def _inside_fence(self) -> bool:
-        p, here, home = self.parameters, self.body.position, self.home_local()
-        far, high = p["GF_MAX_HOR_DIST"], p["GF_MAX_VER_DIST"]
-        if far > 0 and math.dist(here[:2], home[:2]) > far:
-            return False
-        if high > 0 and home[2] - here[2] > high:
-            return False
-        return not outside(self.plans.items[1], self.projection, here)
-
-    def _fail_safe(self, text: str, mode: str | None) -> None:
-        self.say(CRITICAL, text)
-        if mode is None or self.body.on_ground:
-            return
-        self.critical = True
-        if self.set_mode(mode) is not None:
-            self.set_mode("LAND")
