@@ -5,10 +5,12 @@ process and dies with it: setpoints stop then, and the autopilot does what `Pilo
 robot whose loop hangs is noticed here, because it does not look after its vehicle any more.
 """
 
+import sys
 import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 from types import TracebackType
 
 from bridges.mavlink.dialect import mavlink
@@ -20,6 +22,7 @@ from bridges.mavlink.port import Port
 from bridges.mavlink.signing import Keys
 from bridges.mavlink.wanted import Wanted
 
+SWITCH = 0.001  # s
 TICK = 0.05  # s between the pilot's steps when nothing comes
 HEARD_BY_ID = frozenset(
     {
@@ -72,7 +75,6 @@ class Bridge:
         self._errands: deque[Errand] = deque()
         self._resume = False
         self._ending = False
-        self._broken: BaseException | None = None
         self._thread = threading.Thread(target=self._run, name=f"mavlink {url}", daemon=True)
 
     def __repr__(self) -> str:
@@ -90,6 +92,8 @@ class Bridge:
     def start(self) -> None:
         """Begin to look for the vehicle."""
         self._looked = self._clock()
+        # A thread that computes lets go of the interpreter every 5 ms by default: too late for setpoints.
+        sys.setswitchinterval(min(sys.getswitchinterval(), SWITCH))
         self._thread.start()
 
     def want(self, wanted: Wanted) -> None:
@@ -134,6 +138,10 @@ class Bridge:
         try:
             while not self._ending:
                 self._step(self._port.poll(TICK))
+        except Exception as error:  # a defect: setpoints stop, the autopilot decides, and the robot is told
+            text = f"the bridge has failed and flies no more: {error!r}"
+            self._events.append(Event(self._clock(), "error", text))
+            self._report = replace(self._report, phase="failed", trouble=text, ours=False)
         finally:
             self._port.close()
 

@@ -79,3 +79,17 @@ def test_a_robot_that_does_not_look_after_its_vehicle_is_silent() -> None:
     bridge._step([])
     assert seen == [0.0, 7.0, 0.0]
     bridge.close()
+
+
+def test_a_defect_ends_the_bridge_s_control_and_is_told() -> None:
+    with Served(Settings()) as vehicle:
+        bridge = Bridge(vehicle.url, PilotConfig())
+
+        def broken(*_: object) -> None:
+            raise ZeroDivisionError("a defect")
+
+        bridge._pilot.step = broken  # type: ignore[method-assign, assignment]
+        with bridge:
+            assert until(lambda: bridge.report().phase == "failed")
+            assert "a defect" in bridge.report().trouble
+            assert [event.level for event in bridge.events()] == ["error"]

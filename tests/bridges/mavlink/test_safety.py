@@ -6,6 +6,7 @@ import pytest
 from bridges.mavlink.dialect import mavlink
 from bridges.mavlink.pilot_config import Fallbacks, PilotConfig
 from bridges.mavlink.wanted import GoTo, Hold, TakeOff, Wanted
+from bridges.mavlink.wire import Wire
 from estimator.arrays import FloatArray
 from sim.mavlink.settings import Settings
 from tests.bridges.mavlink.air import ARM, STEP, Air
@@ -267,3 +268,27 @@ def test_a_heartbeat_that_stops_while_it_is_being_armed_arms_nothing_more(settin
     assert not air.commands(ARM, since)
     assert not air.commands(mavlink.MAV_CMD_NAV_TAKEOFF)
     assert abs(air.autopilot.body.position[2]) < 0.5
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_no_message_whatever_its_numbers_raises_anything_or_puts_what_is_no_number_into_the_state(
+    seed: int,
+) -> None:
+    random = np.random.default_rng(seed)
+    air = Air(ARDUCOPTER if seed % 2 else PX4)
+    air.fly(5.0)
+    wire = Wire((1, 1))
+    kinds = [kind for kind in mavlink.mavlink_map.values() if kind.msgname != "HEARTBEAT"]
+    for kind in kinds:
+        size = kind.unpacker.size
+        values = kind.unpacker.unpack(random.integers(0, 256, size, dtype=np.uint8).tobytes())
+        data = kind.unpacker.pack(*values)
+        message = mavlink.MAVLink_message(kind.id, kind.msgname)
+        frame = message._pack(wire._packer, kind.crc_extra, data)
+        received = list(wire.parse(frame))
+        assert len(received) == 1
+        air.now += 0.01
+        air.pilot.step(air.now, received, Wanted(Hold()))
+    report = air.report
+    for value in (report.position, report.velocity, report.attitude, report.captured, report.where):
+        assert value is None or np.isfinite(value).all(), f"repeat with seed {seed}"
