@@ -63,7 +63,7 @@ def test_neither_wishes_nor_snapshots_wait_for_a_dead_link() -> None:
         for _ in range(1000):
             bridge.want(Wanted(Rest()))
             bridge.report()
-        assert time.monotonic() - begin < 1.0
+        assert time.monotonic() - begin < 10.0  # to wait for one step each would take 50 s
         assert until(lambda: "cannot be opened" in bridge.report().trouble)
 
 
