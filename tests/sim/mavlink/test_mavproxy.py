@@ -29,7 +29,16 @@ class Station:
 
     def __init__(self, url: str, directory: Path) -> None:
         self._log = directory / "screen.txt"
-        arguments = [sys.executable, str(SCRIPT), "--master", url, "--state-basedir", str(directory), "--default-modules", MODULES]
+        arguments = [
+            sys.executable,
+            str(SCRIPT),
+            "--master",
+            url,
+            "--state-basedir",
+            str(directory),
+            "--default-modules",
+            MODULES,
+        ]
         with self._log.open("wb") as screen:
             self.process = subprocess.Popen(
                 arguments,
