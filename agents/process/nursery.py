@@ -12,7 +12,6 @@ import asyncio
 import ctypes
 import gc
 import os
-import select
 import signal
 import socket
 import subprocess
@@ -144,7 +143,7 @@ def main() -> None:
     # No thread watches for the launcher's end here, as elsewhere: a process with threads must not fork.
     _prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     channel = socket.socket(fileno=int(sys.argv[1]))
-    _load(channel, sys.argv[2])
+    _load(sys.argv[2])
     while True:
         try:
             message, descriptors, _, _ = socket.recv_fds(channel, _MESSAGE_BYTES, 2)
@@ -162,7 +161,7 @@ def main() -> None:
             return
 
 
-def _load(channel: socket.socket, mission: str) -> None:
+def _load(mission: str) -> None:
     """Import what robots and the fusion need and do once what they will do."""
     from agents import cli  # noqa: F401, PLC0415 - only here is it wanted
     from agents.errors import SearchpartyError  # noqa: PLC0415
@@ -181,8 +180,7 @@ def _load(channel: socket.socket, mission: str) -> None:
         if not isinstance(team.planner, TeamPlanner):
             for robot in kinds.values():
                 rehearse_robot(team, robot)
-        if not select.select([channel], [], [], 0.0)[0]:  # else a process is waited for: it loads the rest
-            rehearse_fusion(team)
+        rehearse_fusion(team)  # robots on their own need it too: what is loaded here takes no memory there
     gc.collect()
     gc.freeze()  # a collection would touch, and so copy, every page that forks share
 
