@@ -38,7 +38,9 @@ def test_irrt_nodes(benchmark: Any) -> None:
     config = RangeBearing.Config(period_s=1.0, range_sigma_m=1.0, bearing_sigma_deg=2.0, reach_m=[20.0, 20.0])
     sensor = RangeBearing.of(config, area)
     rng = np.random.default_rng(2)
-    targets = Targets(rng.uniform(10, 90, (2, 5)), np.tile(9.0 * np.eye(2), (5, 1, 1)), np.full(5, 0.2), 5)
+    targets = Targets(
+        rng.uniform(10, 90, (2, 5)), np.tile(9.0 * np.eye(2), (5, 1, 1)), np.full(5, 0.2), 5, np.zeros((2, 5))
+    )
     root = np.linalg.inv(targets.covariances)
     tree = benchmark.pedantic(grown, args=(sensor, targets, root), rounds=5, warmup_rounds=1)
     assert tree.count == NODES
