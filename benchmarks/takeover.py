@@ -23,7 +23,8 @@ START_S = 120.0  # kernels may have to be compiled first
 def mission(robots: int) -> dict[str, Any]:
     """Robots that share tasks, to the end of the time."""
     table = swarms.mission(robots, 300.0)
-    table["planner"] = {"kind": "cbba"}
+    # Room in the bundles for all tasks, also when two robots of six are left: else some wait for an owner.
+    table["planner"] = {"kind": "cbba", "bundle": 30}
     return table
 
 
