@@ -28,7 +28,7 @@ kernels: $(VENV)/.installed
 # The type checker keeps one core busy and compiling leaves some free.
 test: setup
 	$(MAKE) --jobs=2 lint kernels
-	$(BIN)/pytest --dist worksteal -n $$(( $$(nproc 2>/dev/null || echo 2) + 1 ))  # some tests wait for processes
+	$(BIN)/pytest --dist worksteal -n auto
 
 bench: setup
 	$(BIN)/python -m benchmarks
