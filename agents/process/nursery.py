@@ -91,7 +91,7 @@ class Nursery:
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with theirs:
             process = subprocess.Popen(
-                [sys.executable, "-m", "agents.process.nursery", str(theirs.fileno()), mission],
+                [sys.executable, "-P", "-m", "agents.process.nursery", str(theirs.fileno()), mission],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,

@@ -13,7 +13,8 @@ from agents.mission.mission import Mission
 
 Restart = Literal["never", "always"]
 
-PROGRAM = (sys.executable, "-m", "agents.cli")  # `searchparty`, wherever it is installed
+# -P: a file of the user's called sim.py or planner.py in the working directory is none of our packages.
+PROGRAM = (sys.executable, "-P", "-m", "agents.cli")  # `searchparty`, wherever it is installed
 
 
 @dataclass(frozen=True, slots=True)
