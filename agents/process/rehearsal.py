@@ -17,9 +17,13 @@ from estimator.maps.line_of_sight import LineOfSight
 from estimator.search import Search
 from estimator.soft.models import ranges
 from estimator.soft.statement import SoftObservation
+from planner.allocation.warm import warm_allocation
 from planner.avoidance.meeting import meet
+from planner.ground.warm import run as warm_ground
 from planner.maasi.trigger import worth_measuring
 from planner.plan import Commitment, PlanProblem
+
+FROM = ((1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (1.0, 0.0, -1.0))  # cameras look ahead, down, or ahead and down
 
 
 def rehearse_robot(team: Team, robot: str) -> None:
@@ -61,9 +65,13 @@ def rehearse_robot(team: Team, robot: str) -> None:
     waypoint = pose[:3] if trajectory is None else trajectory.waypoint
     state = vehicle.advance(vehicle.begin(state, waypoint), waypoint, 1)
     vehicle.reached(state, waypoint)
-    meet(vehicle)
+    meet(vehicle, pose, team.ground)
     worth_measuring(sensor, clusters, exploration, pose, 1.0, 1.0)
     sensor.sample(clusters, pose, np.random.default_rng(0))
+    if team.desk(robot) is not None:
+        warm_allocation()
+    if team.ground is not None:
+        warm_ground()
 
 
 def rehearse_fusion(team: Team) -> None:
@@ -71,13 +79,13 @@ def rehearse_fusion(team: Team) -> None:
     search = team.search()
     rng = np.random.default_rng(0)
     state = search.init(rng)
-    targets = np.ascontiguousarray((0.5 * (team.area.low + team.area.high))[:, None])
-    for robot, sensor in team.sensor_models.items():
-        pose = start_pose(team.mission.robot(robot))
-        pose[: team.area.dimension] = targets[:, 0] - 1.0
+    targets = 0.5 * (team.area.low + team.area.high)[:, None] + 0.2 * np.arange(3)  # near enough to be confused
+    for sensor in team.sensor_models.values():
         measurements = np.zeros((0, sensor.measurement_size))
         seeing = sensor.sensor if isinstance(sensor, LineOfSight) else sensor  # here a wall may be in between
         for attempt in range(20):
+            pose = np.zeros(4)
+            pose[: team.area.dimension] = targets[:, 0] - FROM[attempt % len(FROM)][: team.area.dimension]
             drawn = seeing.sample(targets, pose, rng)
             measurements = drawn if len(drawn) else measurements
             state = search.apply(state, sensor, pose, measurements, 0.1 * attempt, rng)

@@ -22,6 +22,10 @@ __all__ = ["Pairs", "Rule", "innovations", "kalman_pairs"]
 
 Rule = Literal["ekf", "ukf"]
 
+# A bearing to a target at the sensor's very feet would, linearised, fix it to less than the rounding error of
+# its covariance. No measurement narrows a component by more than this share of its variance.
+_SHARPEST = 1e-10
+
 
 def kalman_pairs(
     means: FloatArray,
@@ -95,7 +99,7 @@ def _extended(
     """Fills L, W and the posterior covariances; the index of a component that is not regular, or -1."""
     k, n = covariances.shape[0], covariances.shape[1]
     s, d = jacobians.shape[1], jacobians.shape[2]
-    cross, spread = np.empty((n, s)), np.empty((s, s))
+    cross, spread, blunt = np.empty((n, s)), np.empty((s, s)), noise.copy()
     gain, left, half = np.empty((n, s)), np.empty((n, n)), np.empty((n, n))
     for i in range(k):
         p, h, lower, w = covariances[i], jacobians[i], factors[i], gains[i]
@@ -107,10 +111,14 @@ def _extended(
                 cross[a, b] = total
         for a in range(s):
             for b in range(s):
-                total = noise[a, b]
+                total = 0.0
                 for c in range(d):
                     total += h[a, c] * cross[c, b]
                 spread[a, b] = total
+            blunt[a, a] = max(noise[a, a], _SHARPEST * spread[a, a])
+        for a in range(s):
+            for b in range(s):
+                spread[a, b] += blunt[a, b]
         if not factorise(spread, lower):
             return i
         _whiten(cross, lower, w)
@@ -140,7 +148,7 @@ def _extended(
                     total += half[a, c] * left[b, c]
                 for c in range(s):
                     for e in range(s):
-                        total += gain[a, c] * noise[c, e] * gain[b, e]
+                        total += gain[a, c] * blunt[c, e] * gain[b, e]
                 posterior[i, a, b] = total
                 posterior[i, b, a] = total
     return -1

@@ -1,13 +1,27 @@
-"""Two that meet head-on, for a moment: so that no kernel is compiled or loaded when it happens in earnest."""
+"""Two that meet head-on, rehearsed: so that no kernel is compiled or loaded when it happens in earnest."""
 
 import numpy as np
 
 from planner.avoidance.guard import Guard
-from planner.plan import VehicleModel
+from planner.avoidance.halt import COLUMNS, going_on
+from planner.plan import Ground, VehicleModel
+
+TICKS, TICK_S = 40, 0.1
+COMING_M_S, FROM_M = 4.0, 16.0  # through all of it: nobody near, somebody to watch, one to make way for
 
 
-def meet(vehicle: VehicleModel) -> None:
-    """Ask a guard of this vehicle once."""
-    guard = Guard("a", {"a": vehicle, "b": vehicle}, 1.0, level=True)
-    guard.see("b", 0.0, [1.0, 0.0, 0.0], [-0.1, 0.0, 0.0])
-    guard.decide(0.0, vehicle.initial_state(np.zeros(4)), np.array([5.0, 0.0, 0.0]))
+def meet(vehicle: VehicleModel, pose: np.ndarray | None = None, ground: Ground | None = None) -> None:
+    """Fly a guard of this vehicle, from a pose (4,) m, rad, past another that comes towards it."""
+    start = np.zeros(4) if pose is None else pose
+    going_on(np.zeros(COLUMNS), TICK_S)  # as of one that has sped up, which takes longer than this flight
+    for level in (True, False):
+        guard = Guard("a", {"a": vehicle, "b": vehicle}, 1.0, level=level, ground=ground)
+        state = vehicle.initial_state(start)
+        waypoint = start[:3] + (50.0, 0.0, 0.0)
+        for tick in range(TICKS):
+            now = tick * TICK_S
+            other = start[:3] + (FROM_M - COMING_M_S * now, 0.1, 0.0)
+            guard.see("b", now, other.tolist(), [-COMING_M_S, 0.0, 0.0])
+            way = guard.decide(now, state, waypoint)
+            goal = waypoint if way is None else way
+            state = vehicle.advance(vehicle.begin(state, goal), goal, max(1, round(TICK_S / vehicle.control_period)))

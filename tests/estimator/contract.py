@@ -142,6 +142,23 @@ def each_target_becomes_one_heavy_cluster(case: Case) -> None:
     assert np.allclose(clusters.radii, np.sqrt(trace / case.dimension))
 
 
+def a_robot_at_the_very_place_of_a_target_breaks_nothing(case: Case) -> None:
+    for off in (0.0, 1e-12, 1e-6, 0.01, 0.3):
+        for seed in range(5):
+            filter, rng, sensor = case.filter(), np.random.default_rng(seed), case.sensor()
+            state, place = filter.init(case.area, rng), np.zeros(4)
+            place[: case.dimension] = case.targets[:, 0]
+            place[0] += off
+            for k in range(20):
+                state = filter.predict(state, 0.2 if k % 5 == 4 else 0.0, rng)
+                z = sensor.sample(case.targets, place, rng)
+                state = filter.update(state, sensor, place, z, rng)
+                state, clusters = filter.clusters(state, rng)
+            said = f"{off} m off, seed {seed}"
+            assert all_finite(state), said
+            assert all(np.linalg.eigvalsh(p).min() >= 0.0 for p in clusters.covariances), said
+
+
 def cardinality_comes_near_the_truth(case: Case) -> None:
     filter, rng, sensor, targets = (
         case.filter(),
@@ -299,6 +316,7 @@ PROMISES: list[Callable[[Case], None]] = [
     no_time_changes_nothing_and_time_does_not_go_back,
     births_and_survival_follow_the_duration,
     each_target_becomes_one_heavy_cluster,
+    a_robot_at_the_very_place_of_a_target_breaks_nothing,
     cardinality_comes_near_the_truth,
     labels_stay_with_their_targets,
     removing_a_cluster_takes_its_mass_and_no_other,
