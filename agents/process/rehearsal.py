@@ -25,6 +25,8 @@ from planner.plan import Commitment, PlanProblem
 
 FROM = ((1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (1.0, 0.0, -1.0))  # cameras look ahead, down, or ahead and down
 
+SPREAD = 0.2 * np.arange(3)  # between targets: so near that their measurements could be confused
+
 
 def rehearse_robot(team: Team, robot: str) -> None:
     """A robot's plan around another's, a look at the sensor's field, a step of the vehicle."""
@@ -79,7 +81,7 @@ def rehearse_fusion(team: Team) -> None:
     search = team.search()
     rng = np.random.default_rng(0)
     state = search.init(rng)
-    targets = 0.5 * (team.area.low + team.area.high)[:, None] + 0.2 * np.arange(3)  # near enough to be confused
+    targets = 0.5 * (team.area.low + team.area.high)[:, None] + SPREAD
     for sensor in team.sensor_models.values():
         measurements = np.zeros((0, sensor.measurement_size))
         seeing = sensor.sensor if isinstance(sensor, LineOfSight) else sensor  # here a wall may be in between

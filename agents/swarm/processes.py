@@ -26,14 +26,16 @@ class Process:
     restart: Restart | Literal["as the mission says"]  # mission.restart.ROLE
     options: tuple[str, ...]  # which of the launch's values go on its command line
     forked: bool = True  # from what robots and the fusion have loaded; else it starts by itself
+    after: str = ""  # the role that is waited for, a while, until it is in the team
 
 
 PROCESSES = (
-    Process("fusion", True, "as the mission says", ("id", "out", "connect", "speed")),
-    Process("robot", True, "as the mission says", ("id", "out", "connect")),
     # A dead viewer costs the picture, a restarted one would write over the record of the start. It loads what
-    # no robot may, and comes last, so that nobody waits for it.
+    # no robot may, which takes longest: so it comes first.
     Process("watch", False, "never", ("out", "connect", "view"), forked=False),
+    Process("robot", True, "as the mission says", ("id", "out", "connect")),
+    # It starts the team's clock, once somebody watches: a short run would else be over before it is recorded.
+    Process("fusion", True, "as the mission says", ("id", "out", "connect", "speed"), after="watch"),
 )
 
 
@@ -57,6 +59,7 @@ class Command:
     argv: tuple[str, ...]
     restart: Restart
     forked: bool = False
+    after: str = ""
 
     @property
     def arguments(self) -> tuple[str, ...]:
@@ -73,7 +76,10 @@ def commands(mission: Mission, launch: Launch) -> list[Command]:
         )
         members = {"robot": [robot.id for robot in mission.robots], "fusion": mission.fusions()}
         names = members[row.role] if row.per_member else [row.role]
-        made += [Command(name, row.role, _argv(row, name, launch), restart, row.forked) for name in names]
+        made += [
+            Command(name, row.role, _argv(row, name, launch), restart, row.forked, row.after)
+            for name in names
+        ]
     return made
 
 

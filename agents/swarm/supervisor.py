@@ -20,6 +20,7 @@ from agents.process.lifeline import Lifeline
 from agents.process.nursery import ONE_THREAD, ForkedProcess, Nursery, NurseryError
 from agents.swarm.processes import Command
 
+JOIN_S = 10.0  # for which a process waits for the one that it starts after
 TERMINATE_S = 1.5  # from SIGTERM to SIGKILL
 FIRST_DELAY_S = 0.25
 LONGEST_DELAY_S = 5.0
@@ -80,8 +81,12 @@ class Supervisor:
         *,
         environment: Mapping[str, str] | None = None,
         nursery: Nursery | None = None,
+        joined: Callable[[str], bool] = lambda role: True,
     ) -> None:
-        """With a `nursery`, which then is the supervisor's to close, what can be is forked from it."""
+        """With a `nursery`, which then is the supervisor's to close, what can be is forked from it.
+
+        `joined` tells whether one of a role is in the team: what starts after it waits for that.
+        """
         self._children = {command.name: _Child(command) for command in commands}
         if len(self._children) != len(commands):
             raise ValueError("two processes of one name")
@@ -89,6 +94,7 @@ class Supervisor:
         self._on_change = on_change
         self._environment = {**os.environ, **ONE_THREAD, "PYTHONUNBUFFERED": "1", **(environment or {})}
         self._nursery = nursery
+        self._joined = joined
         self._lifeline: Lifeline | None = None
         self._stopping = asyncio.Event()
 
@@ -110,6 +116,7 @@ class Supervisor:
         self._lifeline = Lifeline()
         try:
             for child in self._children.values():
+                await self._wait_for(child.command.after)
                 await self._spawn(child)
                 child.task = asyncio.create_task(self._look_after(child), name=f"child {child.command.name}")
         except BaseException:
@@ -142,6 +149,14 @@ class Supervisor:
 
     async def __aexit__(self, *exc: object) -> None:
         await self.stop()
+
+    async def _wait_for(self, role: str) -> None:
+        """Until one of a role is in the team, or never will be, or it takes too long."""
+        until = time.monotonic() + JOIN_S
+        while role and not self._joined(role) and time.monotonic() < until and not self._stopping.is_set():
+            if all(status.final for status in self.statuses() if status.role == role):
+                return
+            await asyncio.sleep(0.02)
 
     async def _look_after(self, child: _Child) -> None:
         """Wait for the end of a process that runs, and start it again as its command says."""

@@ -104,8 +104,13 @@ class Swarm:
         self._mission = team.mission
         self._directory = directory
         self._console = console
+        self._roles: set[str] = set()  # of which somebody has been in the team
         self._supervisor = Supervisor(
-            commands(team.mission, launch), directory.path, self._changed, nursery=nursery
+            commands(team.mission, launch),
+            directory.path,
+            self._changed,
+            nursery=nursery,
+            joined=self._roles.__contains__,
         )
         self._world = team.world(team.mission.seed)
         self._scoreboard = Scoreboard(team.mission, team.mission.seed, "processes", self._world)
@@ -200,6 +205,7 @@ class Swarm:
         wall = time.monotonic()
         for event in events:
             if isinstance(event, PeerChange):
+                self._roles.add(event.peer.role)
                 if not self._ending:  # that all go then is no news
                     self._board.on_peer(event)
                     self._health.on_peer(event)

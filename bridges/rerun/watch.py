@@ -58,9 +58,7 @@ def watch(
     import asyncio
 
     from agents.mission import mission_file
-    from agents.process.shell import stand_back
 
-    stand_back(NICENESS)
     loaded = mission_file.load(mission)
     target = record if record is not None else None if out is None else out / "view.rrd"
     asyncio.run(_main(loaded, tuple(connect or ()), target, view, quiet))
@@ -227,7 +225,7 @@ async def _main(
 ) -> None:
     from rich.console import Console
 
-    from agents.process.shell import Shell
+    from agents.process.shell import Shell, stand_back
     from agents.team import Team
     from bridges.rerun.output import Mode, has_display
     from bridges.rerun.view import RerunView
@@ -245,6 +243,7 @@ async def _main(
     close: Callable[[], None] = partial(view.close, CLOSE_S)
     try:
         async with Shell(mission, "watch", "watch", connect) as shell:
+            stand_back(NICENESS)  # from now on; while it was loading, the team waited for it
             watcher = Watcher(shell, view, console, quiet=quiet)
             close = watcher.close
             await watcher.run()

@@ -21,4 +21,4 @@ def run() -> None:
         ground.distances(goal, start[:, None])
         ground.path(start[:2].copy(), goal[:2].copy())
         ground.path(np.array([3.7, 5.0, 1.0]), goal)
-        ground.path(corners.mean(axis=0) if dimension == 2 else np.array([5.0, 5.0, 1.0]), goal)  # out of a wall
+        ground.path(np.array([5.0, 5.0, 1.0])[:dimension], goal[:dimension])  # out of a wall

@@ -11,7 +11,7 @@ from tests.agents.swarm.test_swarm import write_mission
 
 ROOT = Path(__file__).parents[3]
 
-# Loading a single kernel from the disk touches the whole compiler: some 50 MB of a robot, and 20 ms of its time.
+# To load one kernel from the disk touches the whole compiler: 50 MB of a robot and 20 ms of its time.
 PROGRAM = """
 import sys
 from numba.core.caching import Cache

@@ -26,25 +26,25 @@ MISSION = msgspec.convert(
 LAUNCH = Launch(Path("run/mission.toml"), Path("run"), ("tcp/127.0.0.1:1", "tcp/127.0.0.1:2"), 2.0, "spawn")
 
 
-def test_a_swarm_is_the_fusion_first_one_process_per_robot_and_the_viewer() -> None:
-    assert [(c.name, c.role) for c in commands(MISSION, LAUNCH)] == [
-        ("fusion", "fusion"),
-        ("r1", "robot"),
-        ("r2", "robot"),
-        ("watch", "watch"),
+def test_a_swarm_is_the_viewer_one_process_per_robot_and_then_the_fusion_which_starts_the_clock() -> None:
+    assert [(c.name, c.role, c.after) for c in commands(MISSION, LAUNCH)] == [
+        ("watch", "watch", ""),
+        ("r1", "robot", ""),
+        ("r2", "robot", ""),
+        ("fusion", "fusion", "watch"),
     ]
 
 
 def test_a_command_is_what_a_person_would_type() -> None:
-    fusion, robot, _, watch = commands(MISSION, LAUNCH)
+    watch, robot, _, fusion = commands(MISSION, LAUNCH)
     connect = ("--connect", "tcp/127.0.0.1:1", "--connect", "tcp/127.0.0.1:2")
-    prefix = (sys.executable, "-m", "agents.cli")
+    prefix = (sys.executable, "-P", "-m", "agents.cli")
     assert robot.argv == (*prefix, "robot", "run/mission.toml", "--id", "r1", "--out", "run", *connect)
     assert fusion.argv == (
         *(*prefix, "fusion", "run/mission.toml", "--id", "fusion", "--out", "run", *connect),
         *("--speed", "2"),
     )
-    assert watch.argv[3:] == ("watch", "run/mission.toml", "--out", "run", *connect, "--view", "spawn")
+    assert watch.argv[4:] == ("watch", "run/mission.toml", "--out", "run", *connect, "--view", "spawn")
 
 
 def test_a_mission_with_replicas_has_as_many_fusions() -> None:

@@ -5,6 +5,7 @@ import os
 import signal
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import psutil
@@ -158,3 +159,34 @@ def test_a_log_directory_that_cannot_be_is_a_storage_error_and_ends_what_ran(tmp
 def test_a_program_that_is_not_there_is_an_error_that_names_the_process(tmp_path: Path) -> None:
     with pytest.raises(SearchpartyError, match="cannot start r1"):
         run([Command("r1", "robot", ("/no/such/program",), "never")], tmp_path)
+
+
+def test_a_process_starts_after_one_of_the_role_that_it_waits_for_is_in_the_team(tmp_path: Path) -> None:
+    team: set[str] = set()
+    first = command("r1", "plain")
+    second = replace(command("fusion", "plain", role="fusion"), after="robot")
+
+    async def main() -> None:
+        supervisor = Supervisor([first, second], tmp_path, joined=team.__contains__)
+        starting = asyncio.create_task(supervisor.start())
+        await asyncio.sleep(0.3)
+        assert [s.state for s in supervisor.statuses()] == [State.RUNNING, State.NEW]
+        team.add("robot")
+        await asyncio.wait_for(starting, 5.0)
+        assert supervisor.statuses()[1].state is State.RUNNING
+        await supervisor.stop()
+
+    asyncio.run(main())
+
+
+def test_nobody_waits_for_a_process_that_has_died(tmp_path: Path) -> None:
+    first, second = command("r1", "exit", "2"), command("fusion", "exit", "0", role="fusion")
+    second = replace(second, after="robot")
+
+    async def main() -> None:
+        async with Supervisor([first, second], tmp_path, joined=lambda role: False) as supervisor:
+            await asyncio.wait_for(supervisor.wait(), 5.0)
+
+    began = time.monotonic()
+    asyncio.run(main())
+    assert time.monotonic() - began < module.JOIN_S

@@ -153,9 +153,9 @@ def summary_of(out: Path) -> dict[str, object]:
 
 def test_a_team_of_processes_finds_every_target_and_keeps_its_records(mission: Path, tmp_path: Path) -> None:
     out = tmp_path / "run"
-    # In real time, so that the viewer, which starts last, is there before all is found on a busy machine too.
+    # All is found within seconds: it is recorded since what starts the clock waits for the viewer.
     ended = subprocess.run(
-        command(mission, out, "--speed", "1"), capture_output=True, text=True, timeout=110, check=False
+        command(mission, out, "--speed", "5"), capture_output=True, text=True, timeout=110, check=False
     )
     assert ended.returncode == 0, ended.stdout + ended.stderr
     assert "4 of 4 targets found" in ended.stdout
