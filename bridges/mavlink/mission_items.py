@@ -95,9 +95,8 @@ class Item:
         for prefix in ("MAV_CMD_NAV_", "MAV_CMD_"):
             name = name.removeprefix(prefix)
         name = name.lower().replace("_", " ")
-        placed = (
-            self.command < mavlink.MAV_CMD_NAV_LAST or self.command >= mavlink.MAV_CMD_NAV_FENCE_RETURN_POINT
-        )
+        fence = self.command >= mavlink.MAV_CMD_NAV_FENCE_RETURN_POINT
+        placed = fence or self.command < mavlink.MAV_CMD_NAV_LAST
         if not placed or self.frame == mavlink.MAV_FRAME_MISSION:
             return name
         above = "above home" if self.frame in (RELATIVE, 6) else "above sea level"
