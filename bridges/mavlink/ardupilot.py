@@ -65,6 +65,10 @@ class ArduPilot(Autopilot):
     def mode(self, report: VehicleReport) -> str:
         return self._modes.get(report.custom_mode, f"mode {report.custom_mode}")
 
+    @property
+    def modes(self) -> tuple[str, ...]:
+        return tuple(self._modes.values())
+
     def mode_command(self, mode: str) -> Command:
         number = next(number for number, name in self._modes.items() if name == mode)
         return Command(SET_MODE, f"mode {mode}", (float(CUSTOM_MODE), float(number)))

@@ -48,6 +48,11 @@ class Autopilot(ABC):
     def mode(self, report: VehicleReport) -> str:
         """The name of the mode it is in."""
 
+    @property
+    @abstractmethod
+    def modes(self) -> tuple[str, ...]:
+        """The names of all modes that it may have."""
+
     @abstractmethod
     def mode_command(self, mode: str) -> Command:
         """Ask for a mode by its name."""

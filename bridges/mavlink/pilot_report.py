@@ -23,6 +23,7 @@ class PilotReport:
     version: str = ""
     body: str = ""
     mode: str = ""
+    modes: tuple[str, ...] = ()  # that it may have
     armed: bool = False
     in_air: bool = False
     captured: float | None = None  # when position and velocity were true
@@ -81,6 +82,7 @@ def report_of(now: float, pilot: Pilot, counters: Mapping[str, int]) -> PilotRep
         version=vehicle.version,
         body=vehicle.body if pilot.autopilot else "",
         mode=pilot.autopilot.mode(vehicle) if pilot.autopilot else "",
+        modes=pilot.autopilot.modes if pilot.autopilot else (),
         armed=vehicle.armed,
         in_air=vehicle.in_air,
         captured=pilot.captured,

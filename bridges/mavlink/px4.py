@@ -47,6 +47,10 @@ class Px4(Autopilot):
         name = MODES.get((main, sub)) or MODES.get((main, 0))
         return name or f"mode {main}.{sub}"
 
+    @property
+    def modes(self) -> tuple[str, ...]:
+        return tuple(MODES.values())
+
     def mode_command(self, mode: str) -> Command:
         main, sub = next(numbers for numbers, name in MODES.items() if name == mode)
         return Command(SET_MODE, f"mode {mode}", (float(CUSTOM_MODE), float(main), float(sub)))
