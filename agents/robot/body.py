@@ -6,6 +6,7 @@ from agents.clock import Clock
 from agents.devices import Sensor, Vehicle
 from agents.health.histogram import Histogram
 from agents.machine import Action, Delayed, Event, Follow, Heard, Measure, Measured
+from agents.mission.mission import start_pose
 from agents.robot.robot import Robot
 from agents.robot.separation import Separation
 from agents.wire.messages import PoseMessage
@@ -37,6 +38,7 @@ class RobotBody:
             level=setup.mission.box().dimension == 2,
             start=vehicle.state(clock.now()).pose[:3],
             ground=setup.ground,
+            starts={one.id: start_pose(one)[:3].tolist() for one in setup.mission.robots},
         )
 
     def __repr__(self) -> str:
@@ -44,12 +46,15 @@ class RobotBody:
 
     def step(self, events: Sequence[Event]) -> None:
         """One step at the clock's time, and those that its measurements and the others' nearness cause."""
+        now = self._clock.now()
         for event in events:
             if isinstance(event, Heard) and isinstance(event.message, PoseMessage):
-                self.separation.hear(event.message)
-            elif isinstance(event, PeerChange) and event.peer.role == "robot" and not event.alive:
-                self.separation.gone(event.peer.id)
-        now = self._clock.now()
+                self.separation.hear(event.message, now)
+            elif isinstance(event, PeerChange) and event.peer.role == "robot":
+                if event.alive:
+                    self.separation.expect(event.peer.id)
+                else:
+                    self.separation.gone(event.peer.id)
         if events or now >= self.robot.next_wake():
             self._decide(events)
         if self.separation.keep(now, self.vehicle):

@@ -4,7 +4,7 @@ It sits below planning and waits for nothing: it hears the others' poses, sees w
 turns it aside when the barrier of planner.avoidance asks for it. The plan goes on afterwards.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -16,6 +16,8 @@ from planner.plan import Ground, Trajectory, VehicleModel
 
 SOON = 0.75  # share of the time to the next decision after which one is made if the robot is awake anyway
 AMEND_S = 1.0  # while off its way, a robot says this often where it now expects to be when
+
+_News = tuple[PoseMessage, float]  # and how old it was when it came, s
 
 
 class Separation:
@@ -30,14 +32,19 @@ class Separation:
         level: bool,
         start: FloatArray,
         ground: Ground | None = None,
+        starts: Mapping[str, Sequence[float]] | None = None,
     ) -> None:
-        """`start` (3,) is where the vehicle holds until it is given a way; `level`: the team lives in 2D."""
+        """`start` (3,) is where the vehicle holds until it is given a way; `level`: the team lives in 2D.
+
+        `starts` (3,) are where the others begin.
+        """
+        self._starts = starts or {}
         self._guard = Guard(robot, models, separation, level=level, ground=ground)
         self._waypoint = np.array(start)
         self._legs: list[tuple[float, FloatArray]] = []
         self._amend_at = np.inf
         self._early = -np.inf
-        self._news: dict[str, tuple[PoseMessage, ...]] = {}  # the last two of each, looked at when it matters
+        self._news: dict[str, tuple[_News, ...]] = {}  # the last two of each, looked at when it matters
         self._unseen: set[str] = set()
 
     def __repr__(self) -> str:
@@ -55,18 +62,24 @@ class Separation:
         corner = self._legs[0][0] if self._legs and self._guard.watching else np.inf
         return min(self._guard.next_wake, corner)
 
-    def hear(self, message: PoseMessage) -> None:
-        """Another robot's pose."""
-        sender = message.sender
+    def hear(self, message: PoseMessage, now: float) -> None:
+        """Another robot's pose, which came at team time `now`."""
+        sender, news = message.sender, (message, now - message.time)
         before = self._news.get(sender)
-        if before is None or message.boot != before[-1].boot:
-            self._look(message)  # new, or started anew somewhere else
-        self._news[sender] = (message,) if before is None else (before[-1], message)
+        if before is None or message.boot != before[-1][0].boot:
+            self._look(news)  # new, or started anew somewhere else
+        self._news[sender] = (news,) if before is None else (before[-1], news)
         self._unseen.add(sender)
 
-    def _look(self, message: PoseMessage) -> None:
+    def _look(self, news: _News) -> None:
+        message, delay = news
         position, velocity = message.pose[:3].tolist(), message.velocity.tolist()
-        self._guard.see(message.sender, message.time, position, velocity)
+        self._guard.see(message.sender, message.time, position, velocity, delay)
+
+    def expect(self, robot: str) -> None:
+        """A robot joined: until it is heard, it may be as far from its start as the time since allows."""
+        if robot in self._starts:
+            self._guard.expect(robot, self._starts[robot])
 
     def gone(self, robot: str) -> None:
         """A robot left the team."""
@@ -89,8 +102,8 @@ class Separation:
         if not turned and now < min(self._guard.next_wake, self._early) - 1e-9:
             return False
         for sender in sorted(self._unseen):
-            for message in self._news[sender]:
-                self._look(message)
+            for news in self._news[sender]:
+                self._look(news)
         self._unseen.clear()
         before = self._guard.diverted
         aside = self._guard.decide(now, vehicle.state(now).state, self._waypoint)

@@ -103,16 +103,28 @@ class Guard:
         """The team time by which to decide again."""
         return self._next if self._evader is not None and self._separation > 0 else math.inf
 
+    def expect(self, robot: str, position: Sequence[float]) -> None:
+        """A robot came of which nothing was heard yet: at team time 0 it stood at its start (3,), m."""
+        if self._neighbours.expect(robot, position):
+            self._next = -math.inf
+
     def gone(self, robot: str) -> None:
         """A robot left the team: it is not waited for, but stays an obstacle where it would have halted."""
         self._neighbours.leave(robot)
 
-    def see(self, robot: str, time: float, position: Sequence[float], velocity: Sequence[float]) -> None:
-        """A robot's pose (3,), m, and velocity (3,), m/s, of a team time were heard.
+    def see(
+        self,
+        robot: str,
+        time: float,
+        position: Sequence[float],
+        velocity: Sequence[float],
+        delay: float = 0.0,
+    ) -> None:
+        """A robot's pose (3,), m, and velocity (3,), m/s, of a team time were heard, `delay` seconds later.
 
         Sightings never end: who is silent is taken to be where it halted.
         """
-        if self._neighbours.see(robot, time, position, velocity):
+        if self._neighbours.see(robot, time, position, velocity, delay):
             self._next = -math.inf
 
     def decide(self, now: float, state: FloatArray, waypoint: FloatArray) -> FloatArray | None:

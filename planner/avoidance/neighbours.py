@@ -9,7 +9,7 @@ from estimator.arrays import BoolArray, FloatArray, IntArray
 from estimator.kernels import exact_kernel
 from planner.avoidance.halt import COLUMNS, Evasion, stopping
 
-STALE_S = 1.5  # older poses are taken as this old: by then a robot without a link has halted
+STALE_S = 1.5  # after so long without any news a robot halts; of who is silent for longer that is expected
 # Of a robot's limits: speed, deceleration, approach, lag, turn rate, agility, climb, metres to keep from it.
 SPEED, DECELERATION, APPROACH, LAG, TURN, AGILITY, CLIMB, KEEP, LIMITS = range(9)
 SWERVE = 0.2  # share of its way since its last pose by which a guessed aim may be wrong
@@ -29,20 +29,38 @@ class Neighbours:
         self.names = sorted(others)
         self.motions = np.zeros((count, COLUMNS))
         self.motions[:, 9:] = self.limits[:, DECELERATION : TURN + 1]
-        self.heard = np.full(count, -np.inf)
+        self.heard = np.full(count, -np.inf)  # of when the newest pose is
+        self.delays = np.zeros(count)  # how old it was when it came
         self.gone = np.zeros(count, dtype=np.bool_)
 
     def __repr__(self) -> str:
         seen = [robot for robot, row in self._rows.items() if self.heard[row] > -np.inf]
         return f"Neighbours(seen={seen})"
 
+    def expect(self, robot: str, position: Sequence[float]) -> bool:
+        """A robot is there that stood at a place (3,) at team time 0; whether nothing newer is known."""
+        row = self._rows.get(robot)
+        new = row is not None and self.heard[row] == -np.inf
+        if new:
+            self.see(robot, 0.0, position, (0.0, 0.0, 0.0))
+        return new
+
     def leave(self, robot: str) -> None:
         """It is not waited for any more, but stays an obstacle where it would have halted."""
         if robot in self._rows:
             self.gone[self._rows[robot]] = True
 
-    def see(self, robot: str, time: float, position: Sequence[float], velocity: Sequence[float]) -> bool:
+    def see(
+        self,
+        robot: str,
+        time: float,
+        position: Sequence[float],
+        velocity: Sequence[float],
+        delay: float = 0.0,
+    ) -> bool:
         """A robot's pose was heard; whether it comes as a surprise: it is new, or not where it could be.
+
+        It is of `time`, and came `delay` seconds later.
 
         Poses that are older than what is known, of strangers, or not finite are not believed.
         """
@@ -67,6 +85,7 @@ class Neighbours:
             ax, ay, az = vx + dx * ahead, vy + dy * ahead, vz + dz * ahead
         motion[:9] = (x, y, z, vx, vy, vz, ax, ay, az)
         self.heard[row] = time
+        self.delays[row] = max(delay, 0.0) if math.isfinite(delay) else 0.0
         self.gone[row] = False
         return surprise
 
@@ -78,7 +97,7 @@ class Neighbours:
         Also for how many seconds nobody can matter if nobody does, and whether the robot seems to be without
         a link while somebody could be near.
         """
-        return _near(now, own, self.own, tick, self.motions, self.heard, self.gone, self.limits)
+        return _near(now, own, self.own, tick, self.motions, self.heard, self.delays, self.gone, self.limits)
 
 
 def limits(evasion: Evasion, keep: float) -> FloatArray:
@@ -95,6 +114,7 @@ def _near(
     tick: float,
     motions: FloatArray,
     heard: FloatArray,
+    delays: FloatArray,
     gone: BoolArray,
     limits: FloatArray,
 ) -> tuple[IntArray, FloatArray, FloatArray, float, bool]:
@@ -104,14 +124,17 @@ def _near(
     for q in range(count):
         if heard[q] > -np.inf and not gone[q]:
             awaited = True
-            deaf = deaf and now - heard[q] > STALE_S
+            deaf = deaf and now - heard[q] - delays[q] > STALE_S
     deaf = deaf and awaited
     reach = _reach(own_limits, _fastest(own), tick)
     found, quiet, cut_off = 0, np.inf, False
     for q in range(count):
         if heard[q] == -np.inf:
             continue
-        age = min(max(now - heard[q], 0.0), STALE_S)
+        # Late news are news: whoever they come from flies on, and may be elsewhere the later they are. Who is
+        # silent has heard nothing either by the time at which the next news would have been so late.
+        halts_at = delays[q] + STALE_S
+        age = min(max(now - heard[q], 0.0), halts_at)
         speed = _fastest(motions[q])
         keep = limits[q, KEEP] + _uncertainty(limits[q], speed, age)
         square = 0.0
@@ -120,7 +143,7 @@ def _near(
         gap = math.sqrt(square) - reach - _reach(limits[q], speed, age + tick) - keep
         if deaf and not gone[q]:
             # No link: the others do not hear this robot either, and may have gone anywhere meanwhile.
-            gap -= limits[q, SPEED] * (now - heard[q] - STALE_S)
+            gap -= limits[q, SPEED] * (now - heard[q] - halts_at)
             cut_off = cut_off or gap <= 0
         if gap <= 0:
             rows[found], ages[found], keeps[found] = q, age, keep
@@ -128,8 +151,9 @@ def _near(
         else:
             # Speeds, halts and uncertainties grow too: this bounds them all.
             closing = 3.0 * own_limits[SPEED]
-            if not (gone[q] and age >= STALE_S):
-                closing += 3.0 * limits[q, SPEED] + STALE_S * limits[q, AGILITY]
+            if not (gone[q] and age >= halts_at):
+                bends = min(halts_at * limits[q, AGILITY], 4.0 * limits[q, SPEED])
+                closing += 3.0 * limits[q, SPEED] + max(bends, STALE_S * limits[q, AGILITY])
             quiet = min(quiet, gap / closing)
     return rows[:found], ages[:found], keeps[:found], quiet, cut_off
 

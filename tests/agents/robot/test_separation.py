@@ -49,8 +49,8 @@ class Across:
         )
 
 
-def team_on_a_ring(kind, count, separation=5.0):
-    mission = load("quickstart", duration=45.0)
+def team_on_a_ring(kind, count, separation=5.0, duration=45.0):
+    mission = load("quickstart", duration=duration)
     sensor, robots = {**mission.robots[0].sensor, "period_s": 5.0}, []
     for i in range(count):
         angle = 2.0 * math.pi * i / count + 0.1
@@ -102,6 +102,22 @@ def test_a_team_on_crossing_ways_keeps_apart_and_arrives_whatever_the_link(kind,
     assert there == {robot.id for robot in team.mission.robots}
 
 
+def test_poses_that_come_two_seconds_late_keep_a_team_apart_and_do_not_stop_it():
+    late = NetworkConditions(delay_s=2.0, jitter_s=0.2, datagrams=True)
+    team = team_on_a_ring("quadrotor", 4)
+    least, there = flown(team, late)
+    assert least >= 5.0
+    assert there == {robot.id for robot in team.mission.robots}
+
+
+def test_robots_that_have_heard_nobody_yet_reckon_with_those_who_started_beside_them():
+    """Nine seconds pass before the first pose comes; all go for the far side at once, past one centre."""
+    late = NetworkConditions(delay_s=9.0, datagrams=True)
+    team = team_on_a_ring("quadrotor", 6, duration=12.0)
+    least, _ = flown(team, late)
+    assert least >= 5.0
+
+
 def test_without_a_separation_the_same_team_collides():
     least, _ = flown(team_on_a_ring("quadrotor", 4, separation=0.0), None)
     assert least < 1.0
@@ -137,7 +153,7 @@ def test_a_robot_off_its_way_says_so_at_once_when_it_is_back_and_now_and_then_me
     for k in range(400):
         now = 0.05 * k
         if k % 4 == 0:
-            separation.hear(heard(now, 40.0, sequence=k))
+            separation.hear(heard(now, 40.0, sequence=k), now)
         if separation.keep(now, vehicle):
             amended.append(now)
         if separation.diverted:
@@ -151,7 +167,7 @@ def test_a_robot_off_its_way_says_so_at_once_when_it_is_back_and_now_and_then_me
 
 def test_between_decisions_nothing_is_asked_of_the_vehicle():
     _, vehicle, separation = keeper()
-    separation.hear(heard(0.0, 400.0))
+    separation.hear(heard(0.0, 400.0), 0.0)
     assert not separation.keep(0.0, vehicle)
     assert separation.next_wake > 5.0
 
@@ -160,5 +176,5 @@ def test_between_decisions_nothing_is_asked_of_the_vehicle():
             raise AssertionError(f"asked for {name}")
 
     assert not separation.keep(1.0, Untouchable())
-    separation.hear(heard(1.2, 8.0, boot="b1"))  # started anew somewhere else: looked at at once
+    separation.hear(heard(1.2, 8.0, boot="b1"), 1.2)  # started anew somewhere else: looked at at once
     assert separation.next_wake < 1.2

@@ -60,6 +60,44 @@ def test_somebody_who_turns_up_is_looked_at_at_once():
     assert surprised.next_wake < 0.1
 
 
+def goes_on(some, now):
+    state, goal = under_way(DRONE, 1.0)[0], np.array([500.0, 0.0, 0.0])
+    return some.decide(now, state, goal) is None
+
+
+def test_late_news_keep_a_robot_going_and_silence_halts_it():
+    """Of b 60 m ahead and going the same way: four seconds old each time, or four seconds ago the last."""
+    late, silent = guard(), guard()
+    for k in range(10):
+        late.see("b", 0.2 * k, [60.0 + 2.0 * k, 0.0, 0.0], [10.0, 0.0, 0.0], delay=4.0)
+    silent.see("b", 1.8, [78.0, 0.0, 0.0], [10.0, 0.0, 0.0])
+    assert goes_on(late, 5.8)
+    assert not goes_on(silent, 5.8)
+
+
+def test_the_later_the_news_the_more_room_is_kept():
+    nearest = []
+    for delay in (0.1, 1.0, 2.0, 4.0):
+        for gap in range(6, 200, 2):
+            some = guard()
+            some.see("b", 0.0, [float(gap), 0.0, 0.0], [0.0, 0.0, 0.0], delay=delay)
+            if goes_on(some, delay):
+                nearest.append(gap)
+                break
+    assert nearest == sorted(set(nearest))
+    assert len(nearest) == 4
+
+
+def test_who_is_expected_and_not_heard_is_reckoned_with_the_longer_the_wider():
+    expected = guard()
+    expected.expect("b", [150.0, 0.0, 0.0])
+    assert goes_on(expected, 1.0)
+    assert not goes_on(expected, 14.0)
+    expected.see("b", 14.0, [500.0, 0.0, 0.0], [0.0, 0.0, 0.0])
+    expected.expect("b", [0.0, 0.0, 0.0])  # what was heard counts
+    assert goes_on(expected, 14.2)
+
+
 def test_poses_that_are_no_numbers_or_of_strangers_are_not_believed():
     wary = guard()
     wary.see("b", 0.0, [math.nan, 0.0, 0.0], [0.0, 0.0, 0.0])
