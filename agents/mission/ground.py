@@ -55,6 +55,16 @@ def team_ground(mission: Mission) -> TeamGround:
     return TeamGround(replace(area, map=targets, solids=solids), _sight(mission, plan, area, ground), ground)
 
 
+def ground_plan(mission: Mission) -> GroundPlan:
+    """What a mission says of where robots may be, without the map: fences, obstacles and zones to keep out of.
+
+    Raises:
+        MissionError: if a table is wrong in the light of the rest; names the key.
+        DataError: if a file cannot be read; names it.
+    """
+    return _plan(mission, mission.ground or GroundTable(), None)
+
+
 def _map(mission: Mission, kind: str, file: str) -> OccupancyMap:
     known: OccupancyMap = plugins.load("maps", kind)(resolve_path(mission.directory or None, file))
     starts = np.array([robot.start[:2] for robot in mission.robots]).T
