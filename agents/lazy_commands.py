@@ -23,6 +23,7 @@ SHORT_HELP = {
     "router": "Run the router that a team in the field meets at.",
     "simulate": "Run a mission in virtual time for many seeds.",
     "status": "Say how the processes of a running team are.",
+    "vehicle": "Look at a MAVLink vehicle, check it, fly a test square.",
     "watch": "Show a running team, and record the picture.",
 }
 

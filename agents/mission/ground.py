@@ -56,7 +56,7 @@ def team_ground(mission: Mission) -> TeamGround:
 
 
 def ground_plan(mission: Mission) -> GroundPlan:
-    """What a mission says of where robots may be, without the map: fences, obstacles and zones to keep out of.
+    """What a mission says of where robots may be, without its map: fences, obstacles, zones to keep out of.
 
     Raises:
         MissionError: if a table is wrong in the light of the rest; names the key.
