@@ -207,8 +207,13 @@ class Ground(Protocol):
     def paths(self, start: FloatArray, goals: FloatArray, over: Over = never) -> list[FloatArray | None]:
         """`path` from one start to goals (d, n): for all of them little dearer than for one."""
 
-    def distances(self, goal: FloatArray, points: FloatArray, over: Over = never) -> FloatArray:
-        """(n,) metres of the shortest ways from points (d, n) to goal (d,); infinite where there is none."""
+    def distances(
+        self, goal: FloatArray, points: FloatArray, over: Over = never, within: float = np.inf
+    ) -> FloatArray:
+        """(n,) metres of the shortest ways from points (d, n) to goal (d,); infinite where there is none.
+
+        Those of more than `within` metres need not be known: they may be infinite too.
+        """
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,8 +12,10 @@ from estimator.arrays import BoolArray, FloatArray, IntArray
 from estimator.kernels import kernel
 from planner.commitments import heeded
 from planner.plan import Commitment, PlanProblem, Trajectory, VehicleModel
+from planner.vehicles.prediction import finer, measure_steps
 
 SAME_PLACE = 1e-6  # m
+SOON_S = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +65,43 @@ def keeps_apart(
         np.ascontiguousarray(way.poses[-1:, :3]),
     )
     return bool(enough[0])
+
+
+def meets_soon(problem: PlanProblem, vehicle: VehicleModel, waypoint: FloatArray, courses: Courses) -> bool:
+    """Whether straight on to a waypoint (3,) it comes too near to another robot within SOON_S seconds.
+
+    Then `keeps_apart` would say no to the trajectory; this saves predicting the rest of it.
+
+    Args:
+        problem, vehicle: of the robot.
+        waypoint: where it goes without a corner.
+        courses: of the others.
+    """
+    if problem.separation <= 0 or courses.times.size == 0:
+        return False
+    every = measure_steps(problem.measure_period, vehicle.control_period)
+    every //= finer(every, vehicle.control_period)
+    seconds = every * vehicle.control_period
+    poses = [vehicle.pose(problem.state)]
+    state = vehicle.begin(problem.state, waypoint)
+    while (len(poses) - 1) * seconds < SOON_S:
+        state = vehicle.advance(state, waypoint, every)
+        if vehicle.reached(state, waypoint):
+            break
+        poses.append(vehicle.pose(state))
+    way, last = np.stack(poses), len(poses) - 1
+    _, enough = kept(
+        courses,
+        problem.start_time,
+        problem.separation,
+        way[0, :3],
+        np.array([0, last]),
+        seconds * np.arange(last, dtype=np.float64),
+        way[:last],
+        np.array([seconds * last]),
+        np.ascontiguousarray(way[last:, :3]),
+    )
+    return not enough[0]
 
 
 def kept(

@@ -8,6 +8,8 @@ import numpy as np
 
 from estimator.arrays import FloatArray, IntArray
 
+DENSE = 64  # cells per point, up to which ticking them off is faster than telling them apart
+
 
 def super_particles(points: FloatArray, weights: FloatArray, side: float) -> tuple[FloatArray, FloatArray]:
     """One particle (d, k), (k,) for each cell of side `side` (m) that holds any of points (d, n) with weight.
@@ -50,11 +52,21 @@ def at_most(points: FloatArray, weights: FloatArray, size: int) -> tuple[FloatAr
     low, high = 0, 43  # powers of sqrt(2): `high` makes one cell, or is known to make few enough
     while low < high:
         middle = (low + high) // 2
-        if np.unique(_cells(points, finest * 2.0 ** (0.5 * middle))).size <= size:
+        if _distinct(_cells(points, finest * 2.0 ** (0.5 * middle))) <= size:
             high = middle
         else:
             low = middle + 1
     return super_particles(points, weights, finest * 2.0 ** (0.5 * high))
+
+
+def _distinct(cells: IntArray) -> int:
+    """How many different numbers, none below 0, there are: of small ones by ticking them off."""
+    last = int(cells.max())
+    if last > DENSE * cells.size:
+        return int(np.unique(cells).size)
+    seen = np.zeros(last + 1, dtype=np.bool_)
+    seen[cells] = True
+    return int(np.count_nonzero(seen))
 
 
 def _cells(points: FloatArray, side: float) -> IntArray:

@@ -105,9 +105,10 @@ def spread(
     current, waiting = marks[CURRENT], marks[WAITING]
     us, vs, ws = source[0], source[1], source[2]
     ug, vg, wg = goal[0], goal[1], goal[2]
-    jumps = np.empty(len(moves), np.int64)
+    jumps, shifts = np.empty(len(moves), np.int64), np.empty((len(moves), 3))
     for m in range(len(moves)):
         jumps[m] = (moves[m, 2] * rows + moves[m, 1]) * columns + moves[m, 0]
+        shifts[m] = moves[m]
     last = (int(wg) * rows + int(vg)) * columns + int(ug) if directed else -1
     first = (int(ws) * rows + int(vs)) * columns + int(us)
     if corners[first] == UNREACHED:
@@ -180,7 +181,7 @@ def spread(
             other = cell + jumps[m]
             if corners[other] == corner or closed[other]:
                 continue
-            x, y, z = i + moves[m, 0] + 0.5, j + moves[m, 1] + 0.5, k + moves[m, 2] + 0.5
+            x, y, z = i + 0.5 + shifts[m, 0], j + 0.5 + shifts[m, 1], k + 0.5 + shifts[m, 2]
             length = base + _gap(side, high, u, v, w, x, y, z)
             if length < lengths[other] - 1e-12:
                 if corners[other] == UNREACHED:

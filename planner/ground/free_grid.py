@@ -72,12 +72,17 @@ class Wave:
         self._begun = True
         return self.ended or bool(self._marks[CURRENT] * grid.bucket > until)
 
-    def reach(self, cells: IntArray, over: Over) -> None:
-        """Go on until all of `cells` are closed and their neighbours too, or cannot be, or time is over."""
+    def reach(self, cells: IntArray, over: Over, within: float = np.inf) -> None:
+        """Go on until all of `cells` are closed and their neighbours too, or cannot be, or time is over.
+
+        Cells that are farther than `within` metres need not be.
+        """
+        until = within + 2.0 * float(self.grid.sides.max())  # a place may be nearer than its cell's middle
         while not self.ended and not self.closed[cells].all():
             if over():
                 return
-            self.grow()
+            if self.grow(until):
+                break
         known = self.lengths[cells[self.closed[cells]]]
         if known.size:
             farthest = float(known.max()) + (NEIGHBOURS + 1.0) * float(self.grid.sides[0])
@@ -156,23 +161,27 @@ class FreeGrid:
             wave.grow()
         return self._back(wave, goal[:, None], np.zeros(1, dtype=np.bool_))[0]
 
-    def lengths(self, source: FloatArray, places: FloatArray, good: BoolArray, over: Over) -> FloatArray:
+    def lengths(
+        self, source: FloatArray, places: FloatArray, good: BoolArray, over: Over, within: float = np.inf
+    ) -> FloatArray:
         """(n,) metres from a free place (3,) to those of places (3, n) that are good, that is free.
 
         Infinite to others, where there is no way, and where time was over first: near places are known first.
+        Those beyond `within` metres are infinite too.
         """
-        wave = self._wave(source, np.ascontiguousarray(places[:, good]), over)
+        wave = self._wave(source, np.ascontiguousarray(places[:, good]), over, within)
         out = np.empty(places.shape[1])
         lengths_at(
             self.clearance, self.sides, source, wave.lengths, wave.corners, wave.closed, places, good, out
         )
+        out[out > within] = np.inf  # how far the wave is beyond is a matter of what was asked before
         return out
 
-    def _wave(self, source: FloatArray, goals: FloatArray, over: Over) -> Wave:
+    def _wave(self, source: FloatArray, goals: FloatArray, over: Over, within: float = np.inf) -> Wave:
         """The wave from a source, grown until it is at all goals (3, n) to which there is a way, in time."""
         key = source.tobytes()
         wave = self._waves.pop(key, None) or Wave(self, source)  # taken out: nobody else goes on with it
-        wave.reach(self._cells(goals), over)
+        wave.reach(self._cells(goals), over, within)
         self._waves[key] = wave
         while len(self._waves) > WAVES:
             self._waves.popitem(last=False)

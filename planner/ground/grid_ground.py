@@ -102,8 +102,13 @@ class GridGround:
         """`path` from one start to goals (d, n), by one wave over the grid for all of them."""
         return self._paths(start, goals, over, sweep=True)
 
-    def distances(self, goal: FloatArray, points: FloatArray, over: Over = never) -> FloatArray:
-        """(n,) metres of the shortest ways from points (d, n) to goal (d,); infinite where there is none."""
+    def distances(
+        self, goal: FloatArray, points: FloatArray, over: Over = never, within: float = np.inf
+    ) -> FloatArray:
+        """(n,) metres of the shortest ways from points (d, n) to goal (d,); infinite where there is none.
+
+        The wave goes no farther than `within` metres, and what lies beyond is infinite.
+        """
         n = points.shape[1]
         if not self.clear(goal[:, None])[0]:
             return np.full(n, np.inf)
@@ -117,7 +122,7 @@ class GridGround:
                 entered[:, i], state[i] = left, OPEN
         grid = self._grid(points.shape[0])
         source = np.ascontiguousarray(self.frame.places(goal[:, None])[:, 0])
-        return aside + grid.lengths(source, self.frame.places(entered), state <= TIGHT, over)
+        return aside + grid.lengths(source, self.frame.places(entered), state <= TIGHT, over, within)
 
     # What only a ground of cells knows
 

@@ -181,9 +181,11 @@ class Lifted:
         ways = self.ground.paths(np.array(start[:d]), np.ascontiguousarray(goals[:d]), over)
         return [self._lifted(way, start, goal) for way, goal in zip(ways, goals.T, strict=True)]
 
-    def distances(self, goal: FloatArray, points: FloatArray, over: Over = never) -> FloatArray:
+    def distances(
+        self, goal: FloatArray, points: FloatArray, over: Over = never, within: float = np.inf
+    ) -> FloatArray:
         d = self.dimension
-        return self.ground.distances(np.array(goal[:d]), np.ascontiguousarray(points[:d]), over)
+        return self.ground.distances(np.array(goal[:d]), np.ascontiguousarray(points[:d]), over, within)
 
     def _lifted(self, way: FloatArray | None, start: FloatArray, goal: FloatArray) -> FloatArray | None:
         if way is None:
@@ -232,7 +234,10 @@ def trajectory_clear(ground: Ground, trajectory: Trajectory) -> bool:
     reach and through nothing solid; what may begin there is for `Ground.path` to say.
     """
     poses = trajectory.poses
-    clear = ground.clear(np.ascontiguousarray(poses[:, :3].T))
+    points = np.ascontiguousarray(poses[:, :3].T)
+    if len(poses) > 1 and ground.segments_clear(points[:, :-1].copy(), points[:, 1:].copy()).all():
+        return True
+    clear = ground.clear(points)
     first = int(np.argmax(clear)) if clear.any() else len(poses)
     if first == len(poses):
         return False

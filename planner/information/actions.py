@@ -92,8 +92,10 @@ def action_set(
         places = np.hstack(rings)
         metres, slack = np.repeat(lengths, [ring.shape[1] for ring in rings]), 1e-9
     else:
-        metres, slack = ground.distances(here, lattice.points, over), 0.71 * lattice.spacing
-        reached = np.flatnonzero(metres <= lengths[-1] + slack)
+        slack = 0.71 * lattice.spacing
+        longest = float(lengths[-1]) + slack
+        metres = ground.distances(here, lattice.points, over, longest)
+        reached = np.flatnonzero(metres <= longest)
         reached = reached[np.argsort(_turn_to(lattice.points[:, reached], pose), kind="stable")]
         places, metres = lattice.points[:, reached], metres[reached]
     farthest = float(np.linalg.norm(area.high - area.low))

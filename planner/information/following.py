@@ -13,7 +13,7 @@ from planner.ground.routes import followed, lifted
 from planner.information.actions import ActionSet, part
 from planner.maasi.maasi import crowded
 from planner.plan import Over, Plan, PlannerSetup, PlanProblem, Trajectory
-from planner.separation import Courses, keeps_apart
+from planner.separation import Courses, keeps_apart, meets_soon
 from planner.vehicles.route import routed
 
 LEAST = 1e-9  # nats: less is no reason to go anywhere
@@ -61,6 +61,8 @@ class Following:
                 return Plan(None, LATE)
             with self.reserve.measured(deadline):
                 courses = courses or Courses.of(heeded(problem.others, problem.robot))
+                if blocked and self._meets(problem, chosen.actions, index, courses):
+                    continue
                 way = self.way(problem, chosen.actions, index, deadline.over)
                 if way is None:
                     continue
@@ -80,13 +82,23 @@ class Following:
             return Plan(None, crowded(problem.separation))
         return Plan(None, "holds: its vehicle cannot follow any way without coming too near to an obstacle")
 
+    def _meets(self, problem: PlanProblem, actions: ActionSet, index: int, courses: Courses) -> bool:
+        """Whether it is soon known that a way without corners is not free."""
+        route = self._route(problem, actions, index)
+        return len(route) == 1 and meets_soon(problem, self.setup.vehicles[problem.robot], route[0], courses)
+
+    def _route(self, problem: PlanProblem, actions: ActionSet, index: int) -> FloatArray:
+        """Waypoints (r, 3) to the pose after which to plan again."""
+        corners = part(actions.corners[index], self.share)[:, 1:]
+        route = np.tile(self.setup.vehicles[problem.robot].pose(problem.state)[:3], (corners.shape[1], 1))
+        route[:, : len(corners)] = corners.T
+        return route
+
     def way(self, problem: PlanProblem, actions: ActionSet, index: int, over: Over) -> Trajectory | None:
         """The trajectory to the pose after which to plan again; None: none is clear, or it is there."""
         vehicle, ground = self.setup.vehicles[problem.robot], self.setup.ground
-        corners = part(actions.corners[index], self.share)[:, 1:]
+        route = self._route(problem, actions, index)
         state, start, period = problem.state, problem.start_time, problem.measure_period
-        route = np.tile(vehicle.pose(state)[:3], (corners.shape[1], 1))
-        route[:, : len(corners)] = corners.T
         way: Trajectory | None
         if ground is not None:
             ways = lifted(ground, problem.area.dimension)

@@ -72,8 +72,7 @@ def sampled(
     period = model.control_period
     every = measure_steps(measure_period, period)
     parts = finer(every, period)
-    way = model.predict(state, target, every / parts * period)
-    measured = measurements_only(way, parts)
+    way = model.predict(state, target, every / parts * period)  # one way: measurements are every so many rows
     stride = max(1, math.ceil(way.measure_times.size / (SAMPLES - 1)))
     end_state = np.array(way.end_states[0])
     end_time = start_time + int(way.steps[0]) * period
@@ -81,8 +80,8 @@ def sampled(
         waypoint=np.array(target[0]),
         start_time=start_time,
         end_time=end_time,
-        measure_times=start_time + measured.measure_times,
-        measure_poses=measured.measure_poses,
+        measure_times=start_time + way.measure_times[::parts],
+        measure_poses=way.measure_poses[::parts].copy(),
         times=np.append(start_time + way.measure_times[::stride], end_time),
         poses=np.vstack([way.measure_poses[::stride], model.pose(end_state)]),
         end_state=end_state,

@@ -1,8 +1,11 @@
+import dataclasses
+
 import numpy as np
 import pytest
 
 from planner.plan import Commitment
-from planner.separation import clearances
+from planner.separation import SOON_S, Courses, clearances, keeps_apart, meets_soon
+from tests.planner import contract
 
 
 def other(times, poses):
@@ -74,3 +77,33 @@ def test_agrees_with_dense_sampling(seed):
         other(times, poses),
     )[0]
     assert least == pytest.approx(dense_least, abs=2e-3)
+
+
+@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("kind", ["drones_2d", "ground_2d", "drones_3d"])
+def test_what_meets_soon_does_not_keep_apart_and_nothing_else_does_so_within_those_seconds(
+    kind: str, seed: int
+) -> None:
+    setup = contract.team(kind)
+    problem = contract.ordinary(setup, seed)
+    rng = np.random.default_rng(seed)
+    vehicle, height = setup.vehicles["a"], float(kind == "drones_3d") * 8.0
+    here = vehicle.pose(problem.state)[:3]
+    found = []
+    for _ in range(12):
+        place = here + np.append(rng.uniform(-12, 12, 2), 0.0)
+        near = contract.standing("x", *(here[:2] + rng.uniform(-8, 8, 2)), height)
+        asked = dataclasses.replace(problem, others=(near,), separation=3.0)
+        courses = Courses.of(asked.others)
+        soon = meets_soon(asked, vehicle, place, courses)
+        whole = vehicle.trajectory(problem.state, place, problem.start_time, problem.measure_period)
+        late = keeps_apart(asked, vehicle, whole, courses)
+        assert not (soon and late), (kind, seed, place, near.poses)
+        if len(whole.times) > 2 and whole.end_time - whole.start_time < SOON_S - 0.5 and not soon:
+            # all but the last piece of such a way was looked at
+            cut = dataclasses.replace(
+                whole, times=whole.times[:-1], poses=whole.poses[:-1], end_time=float(whole.times[-2])
+            )
+            assert keeps_apart(asked, vehicle, cut, courses)
+        found.append(soon)
+    assert any(found) or seed  # the first seed has some of them

@@ -246,7 +246,7 @@ class Wall:
     def paths(self, start, goals, over=None):
         return [self.path(start, goal) for goal in goals.T]
 
-    def distances(self, goal, points, over=None):
+    def distances(self, goal, points, over=None, within=np.inf):
         return np.linalg.norm(points - goal[:, None], axis=0)
 
 

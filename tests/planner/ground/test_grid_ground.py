@@ -302,6 +302,20 @@ def test_places_that_are_none_are_not_clear_and_no_way_leads_there(points: np.nd
     assert ground.paths(here, np.zeros((len(here), 0))) == []
 
 
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("within", [0.5, 4.0, 9.0, 1e3])
+def test_distances_within_a_bound_are_those_without_one(seed: int, within: float) -> None:
+    cells = random_cells(seed, 30, 40, 0.2)
+    cells[0, 0] = OPEN
+    places = np.random.default_rng(seed).uniform(0, [[40], [30]], (2, 400))
+    source = np.array([0.5, 0.5])
+    places[:, 0] = source
+    whole = grid(cells).distances(source, places)
+    some = grid(cells).distances(source, places, within=within)
+    np.testing.assert_array_equal(some, np.where(whole <= within, whole, np.inf))
+    assert some[0] == 0.0
+
+
 def test_the_same_question_has_the_same_answer_whatever_was_asked_before() -> None:
     plan = GroundPlan(obstacles=(Shape.polygon([BOX]),), resolution=0.2)
     asked, fresh = built(plan, AREA, START), built(plan, AREA, START)

@@ -146,7 +146,7 @@ class Wall:
     def path(self, start, goal):
         return None
 
-    def distances(self, goal, points):
+    def distances(self, goal, points, over=None, within=np.inf):
         return np.full(points.shape[1], np.inf)
 
 

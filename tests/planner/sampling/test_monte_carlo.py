@@ -36,7 +36,7 @@ class Wall:
             np.stack([start, goal], axis=1) if self.segments_clear(start[:, None], goal[:, None])[0] else None
         )
 
-    def distances(self, goal, points):
+    def distances(self, goal, points, over=None, within=np.inf):
         return np.linalg.norm(points - goal[:, None], axis=0)
 
 
