@@ -18,6 +18,7 @@ class PilotReport:
     trouble: str = ""  # why it is not found, refused, taken over or does not do what is wanted
     reasons: tuple[str, ...] = ()  # why it may not be armed
     ours: bool = False  # we are in control
+    fallback: str = ""  # why it does something else than is wanted
     system: int | None = None
     autopilot: str = ""
     version: str = ""
@@ -39,7 +40,7 @@ class PilotReport:
     gps_fix: int | None = None
     satellites: int | None = None
     capabilities: int | None = None
-    link_quality: float = 1.0
+    link_quality: float = 1.0  # share of its messages that arrived, by their numbers
     radio: float | None = None
     clock_offset: float | None = None  # s, the vehicle's clock minus ours
     round_trip: float | None = None  # s
@@ -69,7 +70,9 @@ def report_of(now: float, pilot: Pilot, counters: Mapping[str, int]) -> PilotRep
     vehicle, flight = pilot.vehicle, pilot.flight
     counts = dict(counters)
     counts.update(vehicle.counters)
-    counts["missed"] = vehicle.missed
+    system = pilot.identity.system or 0
+    arrived, missed = pilot.link.arrived.get(system, 0), pilot.link.missed.get(system, 0)
+    counts["missed"] = missed
     counts["resent_commands"] = pilot.commands.resent
     return PilotReport(
         time=now,
@@ -77,6 +80,7 @@ def report_of(now: float, pilot: Pilot, counters: Mapping[str, int]) -> PilotRep
         trouble=pilot.trouble,
         reasons=tuple(pilot.reasons),
         ours=flight is not None and flight.ours and pilot.phase != "lost",
+        fallback=pilot.reserve.now.reason if pilot.reserve.now else "",
         system=pilot.identity.system,
         autopilot=pilot.autopilot.name if pilot.autopilot else "",
         version=vehicle.version,
@@ -98,7 +102,7 @@ def report_of(now: float, pilot: Pilot, counters: Mapping[str, int]) -> PilotRep
         gps_fix=vehicle.gps_fix,
         satellites=vehicle.satellites,
         capabilities=vehicle.capabilities,
-        link_quality=vehicle.link_quality,
+        link_quality=arrived / (arrived + missed) if arrived else 1.0,
         radio=vehicle.radio,
         clock_offset=pilot.timesync.offset,
         round_trip=pilot.timesync.round_trip,

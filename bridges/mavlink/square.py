@@ -90,7 +90,7 @@ class SquareFlight:
     def _square(self, now: float, since: float, report: PilotReport) -> Task:
         place = self._places[len(self.corners)]
         if report.phase != "flying":  # a fallback brings it down, or it was disarmed
-            self.stop(now, report.trouble or f"the pilot chose otherwise: {report.phase}")
+            self.stop(now, report.fallback or report.trouble or f"it is {report.phase} by itself")
             return Land()
         if report.position is not None:
             away = float(np.linalg.norm(report.position - place))

@@ -87,13 +87,13 @@ class Visit:
                 raise LinkError(self._absent(report))
             time.sleep(LOOK)
 
-    def listen(self, seconds: float = LISTEN) -> tuple[PilotReport, dict[str, float]]:
+    def listen(self, seconds: float | None = None) -> tuple[PilotReport, dict[str, float]]:
         """What comes in so many seconds, in Hz, and the report after them.
 
         Raises:
             LinkError: if it is not there any more, or was not alone.
         """
-        meter = RateMeter(seconds)
+        meter = RateMeter(LISTEN if seconds is None else seconds)
         self.run(meter, "listening")
         return self._checked(), meter.rates()
 
