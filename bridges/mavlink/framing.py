@@ -18,7 +18,7 @@ SIGNATURE = 13
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """One whole frame with a good checksum."""
+    """One whole frame with a good checksum; that of an unknown message nobody can check."""
 
     data: bytes
     version: int
@@ -70,10 +70,8 @@ class Framer:
                 start += 1
                 continue
             start += length
-            if frame.message in mavlink.mavlink_map:
-                yield frame
-            else:
-                self.unknown += 1
+            self.unknown += frame.message not in mavlink.mavlink_map
+            yield frame
         del buffer[:start]
 
     def end(self) -> None:

@@ -6,8 +6,9 @@ or another companion may share the link and even the system id.
 
 from bridges.mavlink.dialect import Message, mavlink
 from bridges.mavlink.pilot_config import PilotConfig
-from bridges.mavlink.port import AUTOPILOT, LinkState
+from bridges.mavlink.port import LinkState
 from bridges.mavlink.vehicle_state import VehicleReport, body_of
+from bridges.mavlink.wire import AUTOPILOT
 
 PERIOD = 1.0  # s between our heartbeats
 LISTEN = 1.2  # s in which a second vehicle would be heard, when any is welcome

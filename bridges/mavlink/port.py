@@ -8,19 +8,18 @@ import select
 import socket
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from bridges.mavlink.carriers import Carrier, open_carrier
 from bridges.mavlink.dialect import Message
 from bridges.mavlink.signing import Keys
 from bridges.mavlink.url import Endpoint, parse_url
-from bridges.mavlink.wire import HEARTBEAT, Wire
+from bridges.mavlink.wire import AUTOPILOT, HEARTBEAT, Wire
 
 FIRST_PAUSE, LONGEST_PAUSE = 0.1, 1.0  # s between tries
 SILENCE = 6.0  # s after which a line that should speak is opened anew
-AUTOPILOT = 1  # component id
 MOVES, TWICE = 3, 5.0  # so many moves of an id between addresses within s are two vehicles
 
 
@@ -35,6 +34,8 @@ class LinkState:
     signing: frozenset[int] = frozenset()  # systems that sign
     keys: bool = False  # whether we sign
     doubled: frozenset[int] = frozenset()  # systems heard from two addresses at the same time
+    arrived: Mapping[int, int] = field(default_factory=dict)  # frames of each system's autopilot
+    missed: Mapping[int, int] = field(default_factory=dict)  # those that its numbers show to be lost
 
 
 class Port:
@@ -80,6 +81,8 @@ class Port:
             signing=frozenset(self.wire.signing),
             keys=self._keys is not None,
             doubled=frozenset(doubled),
+            arrived=self.wire.arrived.copy(),
+            missed=self.wire.missed.copy(),
         )
 
     def wake(self) -> None:

@@ -76,9 +76,6 @@ class VehicleReport:
     reboots: int = 0
     turns: deque[float] = field(default_factory=lambda: deque(maxlen=8))  # when its clock went back
     counters: Counter[str] = field(default_factory=Counter)
-    received: int = 0
-    missed: int = 0
-    _sequence: int | None = None
     _chunks: dict[int, list[tuple[int, str]]] = field(default_factory=dict)
 
     def age(self, kind: str, now: float) -> float:
@@ -105,15 +102,9 @@ class VehicleReport:
             return False
         return self.body == "copter" and (self.relative_altitude is None or self.relative_altitude > 0.5)
 
-    @property
-    def link_quality(self) -> float:
-        """The share of its messages that arrived, 0-1, by their numbers."""
-        return self.received / max(self.received + self.missed, 1)
-
     def hear(self, now: float, message: Message) -> None:
         """Take in one message of this vehicle's autopilot."""
         kind = message.get_type()
-        self._count(message)
         if not all(math.isfinite(getattr(message, name)) for name in _FINITE.get(kind, ())):
             self.counters["not_a_number"] += 1
             return
@@ -126,15 +117,6 @@ class VehicleReport:
     def since(self, time: float, worst: int = 7) -> list[str]:
         """The texts heard since a time, of a severity or graver."""
         return [text.text for text in self.texts if text.time >= time and text.severity <= worst]
-
-    def _count(self, message: Message) -> None:
-        sequence = message.get_seq()
-        if self._sequence is not None:
-            gap = (sequence - self._sequence - 1) % 256
-            if gap < 128:
-                self.missed += gap
-        self._sequence = sequence
-        self.received += 1
 
     def _boot_time(self, now: float, kind: str, message: Message) -> None:
         boot = getattr(message, "time_boot_ms", None)

@@ -8,6 +8,7 @@ from bridges.mavlink.dialect import Message, mavlink
 from bridges.mavlink.framing import Frame, Framer
 from bridges.mavlink.signing import Keys
 
+AUTOPILOT = 1  # component id
 Address = object  # of a peer, as its carrier names it
 HEARTBEAT = 0
 
@@ -34,6 +35,9 @@ class Wire:
         self.version1: set[int] = set()  # systems that sent MAVLink 1
         self.unsigned: set[int] = set()  # systems whose frames were not believed
         self.signing: set[int] = set()  # systems that sign
+        self.arrived: dict[int, int] = {}  # frames of each system's autopilot
+        self.missed: dict[int, int] = {}  # those that its numbers show to be lost
+        self._numbers: dict[int, int] = {}  # each one's last
         if keys is not None:
             self._packer.signing.secret_key = keys.secret
             self._packer.signing.link_id = keys.link
@@ -83,8 +87,26 @@ class Wire:
     def forget(self) -> None:
         """The connection was lost: no half frame goes on in the next."""
         self._framers.clear()
+        self._numbers.clear()
+
+    def _count(self, frame: Frame, known: bool) -> None:
+        """Also those that nobody heeds: a number that is left out would look like a loss."""
+        system = frame.system
+        last = self._numbers.get(system)
+        gap = 0 if last is None else (frame.sequence - last - 1) % 256
+        if not known and gap:
+            return  # it may be anything
+        if gap < 128:
+            self.missed[system] = self.missed.get(system, 0) + gap
+        self.arrived[system] = self.arrived.get(system, 0) + 1
+        self._numbers[system] = frame.sequence
 
     def _message(self, frame: Frame) -> Message | None:
+        known = frame.message in mavlink.mavlink_map
+        if frame.component == AUTOPILOT:
+            self._count(frame, known)
+        if not known:
+            return None
         self.counters["received"] += 1
         if frame.version == 1:
             self.version1.add(frame.system)

@@ -60,7 +60,7 @@ class Air:
         self.pilot.events.clear()
 
     def state(self) -> LinkState:
-        return LinkState()
+        return LinkState(arrived=self.wire.arrived, missed=self.wire.missed)
 
     def fly(self, seconds: float) -> None:
         for _ in range(round(seconds / STEP)):

@@ -182,17 +182,6 @@ def test_a_long_status_text_is_put_together_again() -> None:
     assert [text.text for text in report.texts] == [long, "caf?\N{REPLACEMENT CHARACTER}"]
 
 
-def test_lost_messages_show_in_the_link_quality() -> None:
-    report, wire = VehicleReport(), Wire((1, 1))
-    beat = mavlink.MAVLink_heartbeat_message(2, 3, 81, 4, 4, 3)
-    for index in range(400):
-        data = wire.pack(beat)
-        if index % 4:
-            (parsed,) = wire.parse(data)
-            report.hear(1.0, parsed)
-    assert report.link_quality == pytest.approx(0.75, abs=0.01)
-
-
 def test_bodies_have_names() -> None:
     assert [body_of(kind) for kind in (2, 13, 10, 1, 250)] == [
         "copter",

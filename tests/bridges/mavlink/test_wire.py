@@ -52,6 +52,30 @@ def test_random_bytes_give_no_messages_and_no_exception(seed: int) -> None:
     assert wire.counters["garbage_bytes"] > 10000
 
 
+def test_lost_frames_are_counted_by_their_numbers_and_frames_that_nobody_heeds_are_not_lost() -> None:
+    theirs = Wire((1, 1))
+    ours = Wire((1, 191), heed=lambda system, component, message: message == 0)
+    for index in range(400):
+        data = theirs.pack(BEAT if index % 10 == 0 else position(index))
+        if index % 4:
+            list(ours.parse(data))
+    assert ours.counters["unheeded"] > 200
+    assert ours.arrived[1] == 300
+    assert ours.missed[1] == pytest.approx(100, abs=1)
+
+
+def test_messages_of_other_dialects_are_no_losses() -> None:
+    theirs, ours = Wire((1, 1)), Wire((1, 191))
+    for _ in range(50):
+        list(ours.parse(theirs.pack(BEAT)))
+        foreign = bytearray(theirs.pack(BEAT))
+        foreign[7:10] = (60_001).to_bytes(3, "little")
+        list(ours.parse(bytes(foreign)))
+    assert ours.counters["unknown_messages"] == 50
+    assert ours.missed[1] == 0
+    assert ours.arrived[1] == 100
+
+
 def test_a_broken_checksum_and_a_truncated_datagram_are_counted_and_not_believed() -> None:
     wire = Wire((1, 1))
     data = bytearray(wire.pack(BEAT))
