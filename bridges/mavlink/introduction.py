@@ -29,6 +29,7 @@ class Introduction:
         self._reminded = -ASK_AGAIN
         self._asked_why = -CHECK_AGAIN
         self._asked_parameters = False
+        self._rates_unknown = True  # streams may come faster or slower than asked for
 
     def __repr__(self) -> str:
         return f"Introduction(done={self.done}, {self.parameters!r})"
@@ -36,6 +37,7 @@ class Introduction:
     def remind(self) -> None:
         """Ask for everything again that does not come: it has started anew, or was away."""
         self._reminded = -ASK_AGAIN
+        self._rates_unknown = True
 
     def hear(self, message: Message, vehicle: VehicleReport) -> None:
         """Take in a PARAM_VALUE."""
@@ -77,8 +79,9 @@ class Introduction:
     def _ask(self, now: float, vehicle: VehicleReport) -> None:
         if vehicle.capabilities is None:
             self._commands.ask(request(mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION), urgent=True)
+        everything, self._rates_unknown = self._rates_unknown, False
         for message, rate in self._autopilot.streams(self._config.rate):
-            if vehicle.age(mavlink.mavlink_map[message].msgname, now) > max(3.0, 3 / rate):
+            if everything or vehicle.age(mavlink.mavlink_map[message].msgname, now) > max(3.0, 3 / rate):
                 self._commands.ask(interval(message, rate))
         if vehicle.home is None:
             self._commands.ask(request(mavlink.MAVLINK_MSG_ID_HOME_POSITION))

@@ -116,6 +116,17 @@ def test_an_ardupilot_that_streams_nothing_is_asked_for_everything_and_again_aft
     air.airborne()
 
 
+def test_a_px4_that_streams_faster_than_needed_is_slowed_down() -> None:
+    air = Air(PX4.but(default_streams=True))
+    air.fly(5.0)
+    asked = {int(m.param1): m.param2 for m in air.commands(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL)}
+    assert asked[mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED] == pytest.approx(1e5)
+    assert asked[mavlink.MAVLINK_MSG_ID_ATTITUDE] == pytest.approx(1e5)
+    heard = air.wire.arrived[1]
+    air.fly(5.0)
+    assert (air.wire.arrived[1] - heard) / 5.0 < 135  # 195 a second unasked
+
+
 @COPTERS
 def test_nothing_is_armed_before_the_estimator_has_a_position(settings: Settings) -> None:
     air = Air(settings.but(ready_after=12.0))
