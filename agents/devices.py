@@ -6,16 +6,18 @@ that the estimator and the planners reason with and the device that the driver r
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import msgspec
 
+from agents.clock import Clock
 from estimator.arrays import FloatArray
 from estimator.filter import Area
 from estimator.maps.sight import Sight
 from estimator.sensor import SensorModel
-from planner.plan import Trajectory, VehicleModel
+from planner.plan import Ground, Trajectory, VehicleModel
 
 
 class World(Protocol):
@@ -37,6 +39,9 @@ class DeviceContext:
     now: float = 0.0  # team time at which the device is made
     speed: float = 1.0  # team seconds per wall second
     sight: Sight | None = None  # what hides targets from a simulated sensor
+    ground: Ground | None = None  # where robots may be; None: anywhere
+    altitude: tuple[float, float] | None = None  # between which robots stay; None: any
+    origin: tuple[float, float, float] | None = None  # the frame's zero: degrees, degrees, m; None: anywhere
     extra: dict[str, Any] = field(default_factory=dict)
 
 
@@ -51,6 +56,8 @@ class VehicleState:
     travelled: float  # metres since the start
     arrived: bool  # at the waypoint last given, or none was given
     energy: float | None = None  # joules since the start; None: it does not say
+    able: bool = True  # goes where it is told; a real one may still take off, or be in somebody else's hands
+    doing: str = ""  # what it does while it is not able, in a word or two
 
 
 class Vehicle(ABC):
@@ -74,6 +81,55 @@ class Vehicle(ABC):
 
     def close(self) -> None:
         """Let go of what it holds open."""
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleHealth:
+    """How a real vehicle is."""
+
+    words: str  # for people, one line of at most 100 characters
+    gauges: Mapping[str, float]
+    counters: Mapping[str, int]
+
+
+class LiveVehicle(Vehicle):
+    """A real vehicle: found before the team starts, flown by its robot alone, brought down when that ends."""
+
+    @abstractmethod
+    def prepare(self) -> None:
+        """Find it and see that nothing keeps it from flying. Blocks until so or until its patience ends.
+
+        Raises:
+            MissionError, LinkError, DataError: with what is wrong, and with nothing armed.
+        """
+
+    @abstractmethod
+    def join(self, clock: Clock) -> None:
+        """The team's time is known: every `now` is of this clock, and it takes off when it is tended.
+
+        Raises:
+            MissionError: if that time does not run as fast as the wall's.
+        """
+
+    @abstractmethod
+    def tend(self, now: float, team_age: float) -> None:
+        """Ten times a second: steer. The team was heard `team_age` seconds ago."""
+
+    @abstractmethod
+    def news(self) -> list[tuple[str, str]]:
+        """What people should read, each once: level ("info", "warning", "error") and text."""
+
+    @abstractmethod
+    def health(self) -> VehicleHealth:
+        """How it is."""
+
+    @abstractmethod
+    def resume(self) -> None:
+        """Go on after somebody else had it, or after a fallback: a person's explicit act."""
+
+    @abstractmethod
+    def leave(self) -> bool:
+        """Bring it to an end as its table says; whether that is under way without us. Called until it is."""
 
 
 class Sensor(ABC):
@@ -106,6 +162,19 @@ class VehicleKind(Protocol):
 
         Raises:
             DataError, LinkError: if it cannot be had.
+        """
+
+
+@runtime_checkable
+class LiveVehicleKind(Protocol):
+    """A vehicle kind for real vehicles, whose `device` is a simulation, for rehearsals in virtual time."""
+
+    @staticmethod
+    def connect(config: Any, context: DeviceContext) -> LiveVehicle:
+        """The real vehicle; begins to look for it.
+
+        Raises:
+            MissionError, DataError: if its table is wrong in the light of the context.
         """
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 
 from agents import plugins
-from agents.devices import DeviceContext, Sensor, Vehicle, World
+from agents.devices import DeviceContext, LiveVehicle, LiveVehicleKind, Sensor, Vehicle, World
 from agents.errors import MissionError
 from agents.mission.ground import team_ground
 from agents.mission.mission import Mission, RobotTable, start_pose
@@ -41,6 +41,7 @@ class Team:
     ground: Ground | None  # where robots may be; None: anywhere
     _world: Callable[[int], World]
     _vehicles: Mapping[str, Callable[[DeviceContext], Vehicle]]
+    _live: Mapping[str, Callable[[DeviceContext], LiveVehicle]]  # of robots that are real
     _sensors: Mapping[str, Callable[[DeviceContext], Sensor]]
 
     @classmethod
@@ -55,7 +56,7 @@ class Team:
         area, sight = made.area, made.sight
         vehicle_models, periods = {}, {}
         sensor_models: dict[str, SensorModel] = {}
-        vehicles, sensors = {}, {}
+        vehicles, live, sensors = {}, {}, {}
         for i, robot in enumerate(mission.robots):
             with _naming(f"robots[{i}].vehicle"):
                 kind, config = _plugin("vehicles", robot.vehicle, mission)
@@ -63,6 +64,8 @@ class Team:
                 if robot.budget is not None and robot.budget.energy_wh is not None:
                     _say_power(f"robots[{i}].budget.energy_wh", robot, vehicle_models[robot.id])
                 vehicles[robot.id] = partial(kind.device, config)
+                if isinstance(kind, LiveVehicleKind):
+                    live[robot.id] = partial(kind.connect, config)
             with _naming(f"robots[{i}].sensor"):
                 kind, config = _plugin("sensors", robot.sensor, mission)
                 model = kind.model(config, area)
@@ -88,6 +91,7 @@ class Team:
             made.ground,
             partial(kind.world, config, area),
             vehicles,
+            live,
             sensors,
         )
 
@@ -143,6 +147,15 @@ class Team:
         """
         return self._vehicles[robot_id](self._context(robot_id, seed, world, now, speed))
 
+    def connect(self, robot_id: str, seed: int) -> LiveVehicle | None:
+        """One robot's real vehicle, if that is what its table names; to be closed.
+
+        Raises:
+            MissionError, DataError: if its table is wrong in the light of the mission.
+        """
+        made = self._live.get(robot_id)
+        return None if made is None else made(self._context(robot_id, seed, self.world(seed), 0.0, 1.0))
+
     def sensor(
         self, robot_id: str, seed: int, world: World, *, now: float = 0.0, speed: float = 1.0
     ) -> Sensor:
@@ -151,6 +164,8 @@ class Team:
 
     def _context(self, robot_id: str, seed: int, world: World, now: float, speed: float) -> DeviceContext:
         robot: RobotTable = self.mission.robot(robot_id)
+        origin, table = self.mission.origin, self.mission.ground
+        altitude = None if table is None else table.altitude_m
         return DeviceContext(
             robot=robot_id,
             seed=seed,
@@ -160,6 +175,9 @@ class Team:
             now=now,
             speed=speed,
             sight=self.sight,
+            ground=self.ground,
+            altitude=None if altitude is None else (altitude[0], altitude[1]),
+            origin=None if origin is None else (origin.latitude, origin.longitude, origin.altitude),
         )
 
 

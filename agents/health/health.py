@@ -19,6 +19,7 @@ def health_message(
     counters: Mapping[str, int],
     gauges: Mapping[str, float],
     histograms: Mapping[str, Histogram],
+    vehicle: str = "",
 ) -> HealthMessage:
     """One health message; counters of the link carry the prefix `link.`."""
     counts = dict(mailbox.counters)
@@ -41,4 +42,5 @@ def health_message(
         counters=counts,
         gauges=dict(gauges),
         histograms={name: histogram.counts for name, histogram in histograms.items()},
+        vehicle=vehicle,
     )

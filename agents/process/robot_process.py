@@ -26,6 +26,7 @@ from agents.machine import (
 )
 from agents.mission.mission import Mission
 from agents.mission.mission_file import mission_hash
+from agents.process.piloting import Piloting
 from agents.process.rehearsal import rehearse_robot
 from agents.process.shell import HEALTH_PERIOD_S, Shell, run_until_done
 from agents.robot.body import RobotBody
@@ -77,28 +78,36 @@ async def _main(mission: Mission, robot_id: str, path: Path, connect: Sequence[s
     team = Team.of(mission)
     if isinstance(team.planner, TeamPlanner):
         raise MissionError(f"planner {mission.planner['kind']!r} needs a centre: use searchparty simulate")
-    rehearse_robot(team, robot_id)
-    gc.collect()
-    gc.freeze()  # what lives now lives to the end: no collection needs to look at it
-    async with Shell(mission, "robot", robot_id, connect) as shell:
-        for topic in (POSE, PICTURE, POSTERIOR, STATE):
-            shell.transport.subscribe(topic, urgent=False)
-        if len(mission.robots) <= FEW:
-            _listen_to_sets(shell)
-        shell.transport.subscribe(PLAN, urgent=len(mission.robots) <= FEW)
-        for topic in (POSE, SET, PLAN, HEALTH, EVENT, BELIEF):
-            shell.transport.prepare(topic)
-        try:
-            seed = await shell.join_team()
-        except LinkError:
-            return 0
-        with _outbox(shell, seed, path) as outbox:
-            process = RobotProcess(shell, team, robot_id, seed, outbox)
-            try:
-                await process.run()
-            finally:
-                process.close()
+    with Piloting(team, robot_id) as piloting:
+        rehearse_robot(team, robot_id)
+        piloting.prepare()
+        gc.collect()
+        gc.freeze()  # what lives now lives to the end: no collection needs to look at it
+        async with Shell(mission, "robot", robot_id, connect) as shell:
+            await _in_team(shell, team, robot_id, path, piloting)
     return 0
+
+
+async def _in_team(shell: Shell, team: Team, robot_id: str, path: Path, piloting: Piloting) -> None:
+    """From joining the team to leaving it."""
+    mission = team.mission
+    for topic in (POSE, PICTURE, POSTERIOR, STATE):
+        shell.transport.subscribe(topic, urgent=False)
+    if len(mission.robots) <= FEW:
+        _listen_to_sets(shell)
+    shell.transport.subscribe(PLAN, urgent=len(mission.robots) <= FEW)
+    for topic in (POSE, SET, PLAN, HEALTH, EVENT, BELIEF):
+        shell.transport.prepare(topic)
+    try:
+        seed = await shell.join_team()
+    except LinkError:
+        return
+    with _outbox(shell, seed, path) as outbox:
+        process = RobotProcess(shell, team, robot_id, seed, outbox, piloting)
+        try:
+            await process.run()
+        finally:
+            process.close()
 
 
 def _outbox(shell: Shell, seed: int, path: Path) -> Outbox:
@@ -123,8 +132,11 @@ def _listen_to_sets(shell: Shell) -> None:
 class RobotProcess:
     """The loop around one RobotBody."""
 
-    def __init__(self, shell: Shell, team: Team, robot_id: str, seed: int, outbox: Outbox) -> None:
+    def __init__(
+        self, shell: Shell, team: Team, robot_id: str, seed: int, outbox: Outbox, piloting: Piloting
+    ) -> None:
         self._shell = shell
+        self._piloting = piloting
         self._team = team
         self._outbox = outbox
         self._unkept = 0  # sets that the disk did not take
@@ -133,7 +145,8 @@ class RobotProcess:
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="planner")
         now = max(0.0, shell.clock.now())
         world = team.world(seed)
-        vehicle = team.vehicle(robot_id, seed, world, now=now, speed=shell.clock.speed)
+        piloting.begin(shell)
+        vehicle = piloting.vehicle or team.vehicle(robot_id, seed, world, now=now, speed=shell.clock.speed)
         sensor = team.sensor(robot_id, seed, world, now=now, speed=shell.clock.speed)
         if vehicle.follows_plans:  # who does not plan need not know what the others do
             for topic in (POSE, PICTURE):
@@ -183,6 +196,7 @@ class RobotProcess:
         shell.every(HEALTH_PERIOD_S, self._publish_health)
         while not shell.stopping:
             events = shell.events()
+            self._piloting.hear(events)
             self._look_around(events)
             if "fusion" not in shell.roles_alive:
                 _listen_to_sets(shell)
@@ -266,7 +280,7 @@ class RobotProcess:
             self._shell.tell(Planned(number, future.result()))
 
     def _publish_health(self) -> None:
-        shell, robot = self._shell, self._robot
+        shell, robot, body = self._shell, self._robot, self._piloting.health()
         message = health_message(
             shell.stamp,
             shell.clock.now(),
@@ -282,8 +296,12 @@ class RobotProcess:
                 "skipped_measurements": robot.measuring.skipped,
                 "untimed_measurements": robot.measuring.untimed,
                 **(robot.allocation.counters() if robot.allocation else {}),
+                **(body.counters if body else {}),
             },
-            shell.gauges() | (robot.allocation.gauges() if robot.allocation else {}),
+            shell.gauges()
+            | (robot.allocation.gauges() if robot.allocation else {})
+            | (dict(body.gauges) if body else {}),
             {"measure_clock_lateness_ms": self._body.lateness_ms, "plan_ms": self._plan_ms},
+            body.words if body else "",
         )
         shell.publish(HEALTH, message)

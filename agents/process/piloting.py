@@ -1,0 +1,70 @@
+"""What a real vehicle asks of the process of its robot: to be tended, listened to, and brought down."""
+
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack
+
+from agents.devices import LiveVehicle, VehicleHealth
+from agents.machine import Event, Heard
+from agents.process.shell import Shell
+from agents.team import Team
+
+TEND_S = 0.1
+LEAVE_S = 1.2  # wall time that a launcher gives us before it makes an end (agents.swarm.supervisor)
+
+
+class Piloting:
+    """A vehicle that is found before its robot joins; use it as a context manager. Without one, nothing."""
+
+    def __init__(self, team: Team, robot: str) -> None:
+        self.vehicle: LiveVehicle | None = team.connect(robot, team.mission.seed)
+        self._shell: Shell | None = None
+        self._heard = time.monotonic()
+
+    def __repr__(self) -> str:
+        return f"Piloting({self.vehicle!r})"
+
+    def __enter__(self) -> "Piloting":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """However the robot ends, the vehicle is told what to do without it."""
+        vehicle = self.vehicle
+        if vehicle is None:
+            return
+        with ExitStack() as stack:
+            stack.callback(vehicle.close)
+            until = time.monotonic() + LEAVE_S
+            while not vehicle.leave() and time.monotonic() < until:
+                time.sleep(0.02)
+
+    def prepare(self) -> None:
+        """See that the vehicle may fly; see LiveVehicle.prepare."""
+        if self.vehicle is not None:
+            self.vehicle.prepare()
+
+    def begin(self, shell: Shell) -> None:
+        """The team has begun; from now on it is tended."""
+        if self.vehicle is None:
+            return
+        self._shell = shell
+        self._heard = time.monotonic()
+        self.vehicle.join(shell.clock)
+        shell.every(TEND_S, self._tend)
+
+    def hear(self, events: Sequence[Event]) -> None:
+        """Whoever says anything shows that the team is there."""
+        if any(isinstance(event, Heard) for event in events):
+            self._heard = time.monotonic()
+
+    def health(self) -> VehicleHealth | None:
+        """How the vehicle is."""
+        return None if self.vehicle is None else self.vehicle.health()
+
+    def _tend(self) -> None:
+        shell, vehicle = self._shell, self.vehicle
+        assert shell is not None
+        assert vehicle is not None
+        vehicle.tend(shell.clock.now(), time.monotonic() - self._heard)
+        for level, text in vehicle.news():
+            shell.announce(text, level)
