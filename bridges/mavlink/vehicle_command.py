@@ -13,6 +13,9 @@ if TYPE_CHECKING:
     from bridges.mavlink.visit import Visit
 
 
+SETTLE = 8.0  # s for what stops it from flying to go away, or to be explained
+
+
 class Expected(StrEnum):
     """An autopilot."""
 
@@ -133,7 +136,7 @@ def vehicle(
 
             status = put_on_board(visit, fence, yes)
         elif arm_check:
-            status = _arm_check(visit, patience, as_json)
+            status = _arm_check(visit, as_json)
         else:
             status = _info(visit, url, as_json)
     raise typer.Exit(status)
@@ -167,7 +170,7 @@ def _info(visit: "Visit", url: str, as_json: bool) -> int:
     return 0
 
 
-def _arm_check(visit: "Visit", patience: float, as_json: bool) -> int:
+def _arm_check(visit: "Visit", as_json: bool) -> int:
     import json
     import time
 
@@ -175,7 +178,7 @@ def _arm_check(visit: "Visit", patience: float, as_json: bool) -> int:
 
     visit.meet()
     report, _ = visit.listen()
-    end = time.monotonic() + patience
+    end = time.monotonic() + SETTLE
     while report.reasons and time.monotonic() < end:  # an estimator takes a while, and explains itself late
         report, _ = visit.listen(0.5)
     stops, notes = list(report.reasons), portrait.warnings(report)
