@@ -6,7 +6,8 @@ import numpy as np
 
 from estimator.filter import Area
 from estimator.gaussian.components import Components
-from estimator.soft.mixtures import Mixtures, MixturesConfig, MixturesState, TargetTable
+from estimator.soft.config import MixturesConfig, TargetTable
+from estimator.soft.mixtures import Mixtures, MixturesState
 from estimator.soft.models import ranges
 from estimator.soft.statement import SoftObservation
 

@@ -48,9 +48,10 @@ _LESSON = """
 A PHD filter by itself cannot hold 15 landmarks that cameras see with p_D = 0.1-0.5: even with every sighting
 assigned rightly, its expected number of targets has a standard deviation of 3-7 on these recordings (p_D
 calibrated by robot, range, bearing and by who stands in between), since a miss takes p_D of a target's mass
-and misses come in rows. Knowing that landmarks are at least 0.12 m apart (`spacing_m`), the GM-PHD and the
-LMB can take misses for the little that they say. The SMC-PHD has no such key: by itself it misses 15 +- 2, in
-`Search` it keeps all 15.
+and misses come in rows. Knowing that landmarks keep a distance (`spacing_m`; estimator/spacing.py says what
+that means for an intensity), the filters can take misses for the little that they say: without it the SMC-PHD
+had 3 to 14 of the 15, with it each sighting's error does not make a target of its own. Its share of p_D and
+its spacing were chosen on seeds 0 to 4 of this recording.
 
 Stone Soup's GM-PHD gets help, see benchmarks/mrclam_stone_soup.py: its p_D is one number, so it is given only
 what is in view, and sightings of robots are taken out for it."""

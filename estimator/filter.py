@@ -36,6 +36,17 @@ class Clusters:
             np.zeros((dimension, 0)), np.zeros((0, dimension, dimension)), np.zeros(0), np.zeros(0)
         )
 
+    def chosen(self, keep: BoolArray | IntArray) -> "Clusters":
+        """Those of a mask (c,), or of numbers, in their order."""
+        return Clusters(
+            np.ascontiguousarray(self.means[:, keep]),
+            self.covariances[keep],
+            self.masses[keep],
+            self.radii[keep],
+            None if self.labels is None else self.labels[keep],
+            None if self.velocities is None else np.ascontiguousarray(self.velocities[:, keep]),
+        )
+
 
 class Solid(Protocol):
     """Something in which no target can be."""

@@ -13,6 +13,7 @@ import numpy as np
 from estimator.arrays import BoolArray, FloatArray, IntArray
 from estimator.exploration import Exploration
 from estimator.filter import Area, Clusters, Filter, Listening
+from estimator.matching import apart, closest, together
 from estimator.sensor import SensorModel, checked_poses, validated
 from estimator.sensors.known import bare, with_known
 from estimator.sensors.teammates import Poses, Teammates
@@ -211,15 +212,15 @@ class Search(Generic[State]):
         if state.found.shape[1] == 0 or len(measurements) == 0:
             return state, measurements, silent
         places = sensor.locate(measurements, pose)
-        targets, taken = _closest(state.found, places, self.gate)
+        targets, taken = closest(state.found, places, self.gate)
         if taken.size == 0:
             return state, measurements, silent
         silent[targets] = False
         spreads = sensor.location_covariance(measurements, pose)
         found, covariances = state.found.copy(), state.found_covariances.copy()
         for i, j in zip(targets, taken, strict=True):
-            if _apart(found[:, i], covariances[i], places[:, j], spreads[j]) < _SURPRISE:
-                found[:, i], covariances[i] = _together(found[:, i], covariances[i], places[:, j], spreads[j])
+            if apart(found[:, i], covariances[i], places[:, j], spreads[j]) < _SURPRISE:
+                found[:, i], covariances[i] = together(found[:, i], covariances[i], places[:, j], spreads[j])
         left = np.delete(measurements, taken, axis=0)
         return replace(state, found=found, found_covariances=covariances), left, silent
 
@@ -233,10 +234,10 @@ class Search(Generic[State]):
         for c in np.flatnonzero(new):
             mean, covariance = clusters.means[:, c], clusters.covariances[c]
             blurred = covariance + self.blur**2 * np.eye(len(mean))
-            apart = [_apart(f, p, mean, blurred) for f, p in zip(found, covariances, strict=True)]
-            nearest = int(np.argmin(apart)) if apart else -1
-            if nearest >= 0 and apart[nearest] < self.same:
-                found[nearest], covariances[nearest] = _together(
+            gaps = [apart(f, p, mean, blurred) for f, p in zip(found, covariances, strict=True)]
+            nearest = int(np.argmin(gaps)) if gaps else -1
+            if nearest >= 0 and gaps[nearest] < self.same:
+                found[nearest], covariances[nearest] = together(
                     found[nearest], covariances[nearest], mean, covariance
                 )
             else:
@@ -246,7 +247,7 @@ class Search(Generic[State]):
         return replace(
             state,
             filter_state=self.filter.remove(state.filter_state, np.flatnonzero(new)),
-            clusters=_chosen(clusters, ~new),
+            clusters=clusters.chosen(~new),
             found=np.stack(found, axis=1),
             found_covariances=np.stack(covariances),
             found_times=np.concatenate([state.found_times, np.full(more, state.time)]),
@@ -267,7 +268,7 @@ class Search(Generic[State]):
             known = {label: i for i, label in enumerate(state.found_labels.tolist())}
             before = np.array([known.get(label, -1) for label in clusters.labels.tolist()], np.int64)
         elif count and state.found.shape[1]:
-            targets, taken = _closest(state.found, clusters.means, self.gate)
+            targets, taken = closest(state.found, clusters.means, self.gate)
             before[taken] = targets
         was = before >= 0
         new = ~was & (clusters.radii < self.radius) & (clusters.masses > self.threshold)
@@ -283,62 +284,16 @@ class Search(Generic[State]):
             labels = clusters.labels[order]
         return replace(
             state,
-            clusters=_chosen(clusters, ~(new | stay)),
+            clusters=clusters.chosen(~(new | stay)),
             found=np.ascontiguousarray(clusters.means[:, order]),
             found_covariances=clusters.covariances[order],
             found_times=np.concatenate([state.found_times[before[old]], np.full(fresh, state.time)]),
             found_labels=labels,
-            found_velocities=velocities_of(_chosen(clusters, order)),
+            found_velocities=velocities_of(clusters.chosen(order)),
             named=state.named + fresh,
         )
-
-
-def _apart(mean: FloatArray, spread: FloatArray, other: FloatArray, other_spread: FloatArray) -> float:
-    """How many standard deviations two estimates (d,) with covariances (d, d) are apart (Mahalanobis)."""
-    step = other - mean
-    return float(np.sqrt(step @ np.linalg.solve(_total(spread, other_spread), step)))
-
-
-def _together(
-    mean: FloatArray, spread: FloatArray, other: FloatArray, other_spread: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Mean and covariance of one place of which there are two independent estimates."""
-    gain = np.linalg.solve(_total(spread, other_spread), spread).T
-    rest = spread - gain @ spread
-    return mean + gain @ (other - mean), 0.5 * (rest + rest.T)
 
 
 def velocities_of(clusters: Clusters) -> FloatArray:
     """Velocities (d, c) of clusters, 0 where their filter estimates none."""
     return np.zeros_like(clusters.means) if clusters.velocities is None else clusters.velocities
-
-
-def _chosen(clusters: Clusters, keep: BoolArray | IntArray) -> Clusters:
-    return Clusters(
-        np.ascontiguousarray(clusters.means[:, keep]),
-        clusters.covariances[keep],
-        clusters.masses[keep],
-        clusters.radii[keep],
-        None if clusters.labels is None else clusters.labels[keep],
-        None if clusters.velocities is None else np.ascontiguousarray(clusters.velocities[:, keep]),
-    )
-
-
-def _closest(found: FloatArray, places: FloatArray, gate: float) -> tuple[IntArray, IntArray]:
-    """Found targets and the measurement each takes: nearest pairs first, each target and measurement once."""
-    distances = np.linalg.norm(found[:, :, None] - places[:, None, :], axis=0)
-    targets, taken = [], []
-    order = np.argsort(distances, axis=None, kind="stable")
-    for flat in order[: np.count_nonzero(distances < gate)]:
-        i, j = divmod(int(flat), distances.shape[1])
-        if i not in targets and j not in taken:
-            targets.append(i)
-            taken.append(j)
-    return np.array(targets, dtype=np.int64), np.array(taken, dtype=np.int64)
-
-
-def _total(spread: FloatArray, other: FloatArray) -> FloatArray:
-    """The sum of two covariances (d, d), made regular: those of a few particles may be flat."""
-    total = spread + other
-    total.ravel()[:: len(total) + 1] += 1e-9 * float(total.trace()) + 1e-300
-    return total

@@ -3,8 +3,10 @@
 A PHD does not know this. It forgets that two measurements at one place, a second apart, were of one target:
 with p_D too low for the moment its mass there grows beyond one, and with p_D too high it falls to nothing in
 a few misses. Under the prior that targets keep a distance s (a hard-core point process, Matérn 1960) the
-number of targets in a ball of diameter s is 0 or 1, so its mean, the intensity's integral, is at most 1.
-Bringing an intensity back to this bound lets p_D be chosen for what a miss really says.
+number of targets in a ball of diameter s is 0 or 1, so its mean, the intensity's integral, is at most 1. And
+where a ball holds a target with probability m > 1/2, one nearer than s to it exists with at most 1 - m: else
+sightings that err a little more than usual leave companions around each target. Bringing an intensity back to
+these bounds lets p_D be chosen for what a miss really says.
 """
 
 import numpy as np
@@ -12,9 +14,14 @@ import numpy as np
 from estimator.arrays import BoolArray, FloatArray, IntArray
 from estimator.kernels import kernel
 
+WIDE = 2  # cells of half the spacing that the spacing itself spans
+_SURE = 0.5  # mass of a ball from which it rather holds a target than not
+_DOUBT = 1e-6  # what even a certain target leaves to its surroundings: no place is ruled out for ever
+
 
 def capped(positions: FloatArray, weights: FloatArray, spacing: float) -> FloatArray:
-    """Weights (n,) of points (d, n), scaled down where a ball of diameter `spacing` (m) had more than 1.
+    """Weights (n,) of points (d, n), scaled down where a ball of diameter `spacing` (m) had more than 1, and
+    around balls of more than 1/2 to what these leave room for.
 
     Balls are laid around the heaviest places first, each point is in one of them at most.
 
@@ -27,9 +34,9 @@ def capped(positions: FloatArray, weights: FloatArray, spacing: float) -> FloatA
         return weights
     side = 0.5 * spacing
     cells = np.floor(positions / side).astype(np.int64)
-    cells -= cells.min(axis=1, keepdims=True) - 1  # a free cell around all
+    cells -= cells.min(axis=1, keepdims=True) - WIDE  # free cells around all
     strides = np.ones(len(cells), np.int64)
-    strides[1:] = np.cumprod(cells.max(axis=1) + 2)[:-1]
+    strides[1:] = np.cumprod(cells.max(axis=1) + WIDE + 1)[:-1]
     keys = strides @ cells
     order = np.argsort(keys, kind="stable")
     out = weights.copy()
@@ -58,6 +65,7 @@ def _cap(
     starts[count] = n
     names = names[:count]
     near, around = np.empty(3**d, np.int64), np.empty(n, np.int64)
+    wide = np.empty((2 * WIDE + 1) ** d, np.int64)
     done = np.zeros(n, np.bool_)
     centre = np.empty(d)
     for seed in np.argsort(-masses[:count]):
@@ -65,7 +73,7 @@ def _cap(
         _neighbours(names[seed], names, strides, near)
         size = _gathered(near, starts, order, done, around)
         total = _centred(positions, weights, around[:size], centre)
-        if not total > 1.0:
+        if not total > _SURE:
             continue
         for turn in range(3):  # the ball goes to the mean of what is in it, twice
             key = names[seed]
@@ -88,7 +96,32 @@ def _cap(
         for t in range(kept):
             if total > 1.0:
                 weights[around[t]] /= total
-                done[around[t]] = True
+            done[around[t]] = True
+        if not total > _SURE:
+            continue
+        _neighbours(key, names, strides, wide)
+        size = _gathered(wide, starts, order, done, around)
+        _hold(positions, weights, around[:size], centre, 2.0 * side, max(1.0 - total, _DOUBT))
+
+
+@kernel
+def _hold(
+    positions: FloatArray,
+    weights: FloatArray,
+    around: IntArray,
+    centre: FloatArray,
+    reach: float,
+    most: float,
+) -> None:
+    """Scales those of some points down that are within `reach` of a centre, if they have more than `most`."""
+    total = 0.0
+    for i in around:
+        if _square(positions, i, centre) < reach * reach:
+            total += weights[i]
+    if total > most:
+        for i in around:
+            if _square(positions, i, centre) < reach * reach:
+                weights[i] *= most / total
 
 
 @kernel
@@ -128,11 +161,12 @@ def _square(positions: FloatArray, i: int, centre: FloatArray) -> float:
 
 @kernel
 def _neighbours(key: int, names: IntArray, strides: IntArray, near: IntArray) -> None:
-    """The indices (3^d,) in `names` of a cell and those around it, -1 where there is none."""
+    """The indices (w^d,), w odd, in `names` of a cell and those around it, -1 where there is none."""
+    width = round(near.size ** (1.0 / strides.size))
     for k in range(near.size):
         rest, wanted = k, key
         for a in range(strides.size):
-            wanted += (rest % 3 - 1) * strides[a]
-            rest //= 3
+            wanted += (rest % width - width // 2) * strides[a]
+            rest //= width
         at = np.searchsorted(names, wanted)
         near[k] = at if at < names.size and names[at] == wanted else -1

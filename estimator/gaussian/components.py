@@ -1,5 +1,6 @@
 """The components of a Gaussian mixture as plain arrays."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -76,6 +77,23 @@ def checked(weights: FloatArray, means: FloatArray, covariances: FloatArray) -> 
     if wrong >= 0:
         raise ValueError(f"covariances: number {wrong} is not positive definite")
     return Components(w, x, p)
+
+
+def moments_of(mixture: Components) -> tuple[FloatArray, FloatArray]:
+    """Mean (2) and covariance (3) of a mixture of weights of sum 1."""
+    mean = mixture.weights @ mixture.means
+    off = mixture.means - mean
+    covariance = np.einsum("k,kab->ab", mixture.weights, mixture.covariances)
+    return mean, covariance + (off * mixture.weights[:, None]).T @ off
+
+
+def stacked(mixtures: Sequence[Components]) -> Components:
+    """All components of several mixtures, one mixture after the other."""
+    return Components(
+        np.concatenate([m.weights for m in mixtures]),
+        np.concatenate([m.means for m in mixtures]),
+        np.concatenate([m.covariances for m in mixtures]),
+    )
 
 
 @kernel

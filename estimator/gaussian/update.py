@@ -24,7 +24,7 @@ Rule = Literal["ekf", "ukf"]
 
 # A bearing to a target at the sensor's very feet would, linearised, fix it to less than the rounding error of
 # its covariance. No measurement narrows a component by more than this share of its variance.
-_SHARPEST = 1e-10
+_SHARPEST = 1e-13
 
 
 def kalman_pairs(

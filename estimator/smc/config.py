@@ -15,7 +15,8 @@ class SmcPhdConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     particles: Annotated[int, Meta(ge=100, le=10_000_000)] = 10_000  # at most
     expected_targets: NonNegative = 1.0  # mass of the uniform prior intensity
     initial: Literal["undetected", "grid"] = "undetected"  # the prior: an intensity, or particles everywhere
-    spacing_m: Positive | None = None  # of that grid; default: as many particles as allowed
+    grid_spacing_m: Positive | None = None  # between those particles; default: as many particles as allowed
+    spacing_m: NonNegative = 0.0  # targets are never nearer to each other than this
     motion: MotionConfig = MotionConfig()
     birth: NonNegative = 0.0  # expected new targets per second in the whole area
     birth_at: Literal["area", "measurements"] = "area"  # evenly, or where measurements are (Ristic et al.)

@@ -167,7 +167,9 @@ def _free_grid(area: Area, particles: int, spacing: float | None) -> tuple[Float
     counts = np.maximum(((area.high - area.low) / side + (0.5 if spacing else 1e-9)).astype(int), 1)
     cells = int(np.prod(counts.astype(float)))
     if cells > 100 * particles:  # not worth the memory to look which of them are free
-        raise ValueError(f"spacing_m: the area has {cells} cells of {side:g} m, {particles} particles may be")
+        raise ValueError(
+            f"grid_spacing_m: the area has {cells} cells of {side:g} m, {particles} particles may be"
+        )
     axes = [
         low + (high - low) * (np.arange(n) + 0.5) / n
         for low, high, n in zip(area.low, area.high, counts, strict=True)
@@ -176,6 +178,6 @@ def _free_grid(area: Area, particles: int, spacing: float | None) -> tuple[Float
     grid = np.ascontiguousarray(grid[:, area.is_free(grid)])
     if not 0 < grid.shape[1] <= particles:
         raise ValueError(
-            f"spacing_m: the area has {grid.shape[1]} free cells of {side:g} m; allowed are 1 to {particles}"
+            f"grid_spacing_m: {grid.shape[1]} free cells of {side:g} m in the area; 1 to {particles} may be"
         )
     return grid, side

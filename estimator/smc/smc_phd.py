@@ -31,6 +31,7 @@ from estimator.smc.state import SmcPhdState, moved, with_velocities
 from estimator.smc.super_particles import at_most
 from estimator.soft.intensity import agreeing, factors
 from estimator.soft.statement import SoftObservation
+from estimator.spacing import capped
 from estimator.undetected import Undetected
 
 # A measurement is left to the particles if they explain it so much better than the undetected part does,
@@ -167,7 +168,10 @@ class SmcPhd:
             reach=reach,
             unborn=0.0,
         )
-        return self._joined(state, arrivals, rng) if arrivals else state
+        state = self._joined(state, arrivals, rng) if arrivals else state
+        if self.config.spacing_m > 0.0:
+            state = replace(state, weights=capped(state.positions, state.weights, self.config.spacing_m))
+        return state
 
     def observe(
         self,
@@ -245,7 +249,7 @@ class SmcPhd:
     ) -> SmcPhdState:
         """The prior as particles of equal weight at the places."""
         config, area = self.config, state.undetected.area
-        places, spacing = initial_places(area, config.particles, config.spacing_m, places)
+        places, spacing = initial_places(area, config.particles, config.grid_spacing_m, places)
         n = places.shape[1]
         return replace(
             state,

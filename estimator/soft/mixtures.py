@@ -11,45 +11,23 @@ A target becomes a cluster, of mass 1, when its density is narrow; `labels` are 
 """
 
 from dataclasses import dataclass, replace
-from typing import Annotated
 
-import msgspec
 import numpy as np
-from msgspec import Meta
 
-from estimator.arrays import FloatArray, Fraction, IntArray, Positive
+from estimator.arrays import FloatArray, IntArray
 from estimator.filter import Area, Clusters
-from estimator.gaussian.components import Components
-from estimator.motion import Motion, MotionConfig
+from estimator.gaussian.components import Components, moments_of, stacked
+from estimator.motion import Motion
 from estimator.sensor import SensorModel, checked_poses, gaussian, validated
 from estimator.soft.association import shares
+from estimator.soft.config import MixturesConfig
 from estimator.soft.hard import conditioned, explained, undetected
 from estimator.soft.importance import reweighted, turned, unit_points
-from estimator.soft.priors import uniform
+from estimator.soft.priors import moving, priors
 from estimator.soft.salmond import merged
 from estimator.soft.statement import SoftObservation
 
 _TRACE = 1e-5  # of a target's weight, below which a component is not worth merging
-
-
-class TargetTable(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A target that has a name; without a mean it may be anywhere in the area."""
-
-    name: Annotated[str, Meta(min_length=1, max_length=64)]
-    mean_m: list[float] | None = None  # where it is expected
-    sigma_m: Positive | None = None  # standard deviation per axis; needed with a mean
-
-
-class MixturesConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The filter's table in a mission."""
-
-    targets: list[TargetTable] = []  # known by name
-    unnamed: Annotated[int, Meta(ge=0, le=200)] | None = None  # others, alike; default 1 without targets
-    components: Annotated[int, Meta(ge=1, le=200)] = 15  # M_max of each target
-    samples: Annotated[int, Meta(ge=16, le=10_000)] = 64  # of each importance sampling
-    operator_error: Fraction = 0.0  # probability that a statement says nothing about the truth
-    cluster_radius_m: Positive | None = None  # default: a tenth of the area's shortest side
-    motion: MotionConfig = MotionConfig()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,38 +69,14 @@ class Mixtures:
         Raises:
             ValueError: if a target's prior does not fit the area; names the key.
         """
-        d = area.dimension
+        d, named, count = area.dimension, len(self.config.targets), len(self._names)
         motion = Motion(d, self.config.motion)
-        anywhere = uniform(area, self.config.components)
-        mixtures = []
-        for i, target in enumerate(self.config.targets):
-            where = f"targets[{i}]"
-            if target.mean_m is None:
-                mixtures.append(anywhere)
-                continue
-            if len(target.mean_m) != d or not np.isfinite(target.mean_m).all():
-                raise ValueError(f"{where}.mean_m: expected {d} finite numbers, got {target.mean_m}")
-            if target.sigma_m is None:
-                raise ValueError(f"{where}.sigma_m: needed with a mean")
-            prior = Components(np.ones(1), np.array([target.mean_m]), target.sigma_m**2 * np.eye(d)[None])
-            mixtures.append(prior)
-        count, named = len(self._names), len(mixtures)
-        mixtures += [anywhere] * (count - named)
-        rest = motion.state_size - d
-        mixtures = [
-            Components(
-                m.weights,
-                np.concatenate([m.means, np.zeros((m.count, rest))], axis=1),
-                motion.start_covariance(m.covariances),
-            )
-            for m in mixtures
-        ]
         return MixturesState(
             dimension=d,
             names=self._names,
             labels=np.arange(count),
             kinds=np.where(np.arange(count) < named, -1, 0),
-            mixtures=tuple(mixtures),
+            mixtures=tuple(moving(prior, motion) for prior in priors(self.config, area, count)),
             radius=self.config.cluster_radius_m or 0.1 * float((area.high - area.low).min()),
             clusters=np.zeros(0, np.int64),
         )
@@ -170,7 +124,7 @@ class Mixtures:
         if not state.mixtures:
             return state
         units = turned(unit_points(sensor.dimension, self.config.samples), rng)
-        whole = _stacked(state.mixtures)
+        whole = stacked(state.mixtures)
         owners = np.repeat(np.arange(len(state.mixtures)), [m.count for m in state.mixtures])
         silent, sources = undetected(whole, sensor, pose, units)
         owner = owners[sources]
@@ -302,7 +256,7 @@ class Mixtures:
         if not state.mixtures or size < 1:
             return np.zeros((state.dimension, 0)), np.zeros(0)
         d = state.dimension
-        whole = _stacked(state.mixtures)
+        whole = stacked(state.mixtures)
         order = np.argsort(-whole.weights, kind="stable")[:size]
         chosen = whole.chosen(order)
         each = max(1, min(size // chosen.count, 128))
@@ -354,19 +308,3 @@ class Mixtures:
         if weights.size <= self.config.components:
             return Components(weights, mixture.means, mixture.covariances)
         return Components(*merged(weights, mixture.means, mixture.covariances, self.config.components))
-
-
-def moments_of(mixture: Components) -> tuple[FloatArray, FloatArray]:
-    """Mean (2) and covariance (3) of a mixture of weights of sum 1."""
-    mean = mixture.weights @ mixture.means
-    off = mixture.means - mean
-    covariance = np.einsum("k,kab->ab", mixture.weights, mixture.covariances)
-    return mean, covariance + (off * mixture.weights[:, None]).T @ off
-
-
-def _stacked(mixtures: tuple[Components, ...]) -> Components:
-    return Components(
-        np.concatenate([m.weights for m in mixtures]),
-        np.concatenate([m.means for m in mixtures]),
-        np.concatenate([m.covariances for m in mixtures]),
-    )

@@ -4,7 +4,8 @@ import numpy as np
 
 from estimator.filter import Area
 from estimator.sensor import GaussianSensor
-from estimator.soft.mixtures import Mixtures, MixturesConfig
+from estimator.soft.config import MixturesConfig
+from estimator.soft.mixtures import Mixtures
 from estimator.soft.models import ranges
 from estimator.soft.statement import SoftObservation
 

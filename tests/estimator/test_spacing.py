@@ -1,5 +1,7 @@
 """The bound that a distance between targets puts on an intensity."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -8,6 +10,7 @@ from hypothesis import strategies as st
 from estimator.filter import Area
 from estimator.gaussian.gm_phd import GmPhd
 from estimator.sensors.range_bearing import RangeBearing
+from estimator.smc.smc_phd import SmcPhd
 from estimator.spacing import capped
 
 
@@ -43,6 +46,26 @@ def test_two_targets_further_apart_than_the_spacing_both_stay() -> None:
     assert capped(positions, np.array([3.0, 2.0]), 0.4).sum() == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize(("mass", "left"), [(0.4, 0.3), (0.8, 0.2), (0.95, 0.05), (3.0, 1e-6)])
+def test_what_is_nearer_than_the_spacing_has_the_room_that_a_likely_target_leaves(
+    mass: float, left: float
+) -> None:
+    positions = np.array([[0.0, 0.07, 0.12], [0.0, 0.0, 0.0]])
+    later = capped(positions, np.array([mass, 0.3, 0.3]), 0.1)
+    assert later == pytest.approx([min(mass, 1.0), left, 0.3])
+
+
+@pytest.mark.parametrize("d", [2, 3])
+@pytest.mark.parametrize("seed", range(5))
+def test_what_keeps_to_the_bounds_is_changed_no_more(d: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    positions = rng.uniform(-1.0, 1.0, (d, 5))[:, rng.integers(0, 5, 200)] + 0.005 * rng.standard_normal(
+        (d, 200)
+    )
+    once = capped(positions, rng.exponential(0.05, 200), 0.2)
+    assert capped(positions, once, 0.2) == pytest.approx(once, rel=1e-9, abs=1e-12), f"seed {seed}"
+
+
 def test_the_frame_does_not_matter() -> None:
     rng = np.random.default_rng(4)
     positions = rng.uniform(0.0, 1.0, (2, 3))[:, rng.integers(0, 3, 300)] + 0.01 * rng.standard_normal(
@@ -68,8 +91,9 @@ def test_bad_input_is_refused_by_name() -> None:
 
 
 @pytest.mark.parametrize(("spacing", "least", "most"), [(0.0, 2.0, 40.0), (0.5, 0.9, 1.0 + 1e-9)])
-def test_a_gm_phd_with_a_low_p_d_counts_a_target_once_if_it_knows_the_spacing(
-    spacing: float, least: float, most: float
+@pytest.mark.parametrize("kind", [GmPhd, SmcPhd])
+def test_a_phd_filter_with_a_low_p_d_counts_a_target_once_if_it_knows_the_spacing(
+    kind: type[GmPhd] | type[SmcPhd], spacing: float, least: float, most: float
 ) -> None:
     """Seen in every one of twenty sets although p_D is only 0.1."""
     area = Area(np.zeros(2), np.full(2, 20.0))
@@ -84,10 +108,12 @@ def test_a_gm_phd_with_a_low_p_d_counts_a_target_once_if_it_knows_the_spacing(
         ),
         area,
     )
-    filter = GmPhd(GmPhd.Config(expected_targets=0.5, spacing_m=spacing))
+    filter: GmPhd | SmcPhd = kind(kind.Config(expected_targets=0.5, spacing_m=spacing))
     rng = np.random.default_rng(0)
-    state = filter.init(area, rng)
+    state: Any = filter.init(area, rng)
     pose, target = np.array([10.0, 10.0, 0.0, 0.0]), np.array([[14.0], [12.0]])
     for _ in range(20):
         state = filter.update(state, sensor, pose, sensor.measure(target, pose), rng)
-    assert least <= state.components.weights.sum() <= most
+    _, clusters = filter.clusters(state, rng)
+    near = np.linalg.norm(clusters.means - target, axis=0) < 1.0
+    assert least <= clusters.masses[near].sum() <= most

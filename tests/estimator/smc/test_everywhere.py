@@ -37,7 +37,7 @@ AREA = Area(np.zeros(2), SIZE, MAP)
 
 
 def filter_with(**changes: Any) -> SmcPhd:
-    base = {"initial": "grid", "spacing_m": 0.2, "expected_targets": 30.0, "resample_below": 0.0}
+    base = {"initial": "grid", "grid_spacing_m": 0.2, "expected_targets": 30.0, "resample_below": 0.0}
     return SmcPhd(SmcPhd.Config(**{**base, **changes}))
 
 
@@ -54,7 +54,7 @@ def test_particles_lie_evenly_in_free_space_and_share_the_prior() -> None:
 
 def test_by_default_there_are_as_many_as_allowed() -> None:
     area = Area(np.zeros(3), np.array([20.0, 10.0, 5.0]))
-    state = filter_with(spacing_m=None, particles=1000).init(area, np.random.default_rng(0))
+    state = filter_with(grid_spacing_m=None, particles=1000).init(area, np.random.default_rng(0))
     assert 700 <= state.weights.size <= 1000
     assert np.allclose(state.positions.mean(axis=1), [10.0, 5.0, 2.5])
 
@@ -85,8 +85,8 @@ def test_places_without_a_grid_are_refused() -> None:
 
 @pytest.mark.parametrize("spacing", [0.01, 0.1])
 def test_a_grid_of_too_many_particles_is_refused_by_key(spacing: float) -> None:
-    with pytest.raises(ValueError, match="spacing_m"):
-        filter_with(spacing_m=spacing, particles=5000).init(AREA, np.random.default_rng(0))
+    with pytest.raises(ValueError, match="grid_spacing_m"):
+        filter_with(grid_spacing_m=spacing, particles=5000).init(AREA, np.random.default_rng(0))
 
 
 def test_super_particles_thin_it_and_keep_mass_and_mean() -> None:

@@ -164,7 +164,7 @@ def test_a_target_on_the_sensor_is_seen_there(initial: str) -> None:
 
 
 def test_a_particle_exactly_on_the_sensor_is_no_trouble() -> None:
-    filter, sensor = filter_with(initial="grid", spacing_m=2.0), sensor_with()
+    filter, sensor = filter_with(initial="grid", grid_spacing_m=2.0), sensor_with()
     state = filter.init(AREA, np.random.default_rng(0))
     pose = np.append(state.positions[:, 17], [0.0, 0.0])
     after = filter.update(state, sensor, pose, np.array([[0.0, 0.0]]), np.random.default_rng(0))  # bearing 0

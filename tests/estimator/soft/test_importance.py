@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from estimator.arrays import FloatArray
-from estimator.gaussian.components import Components
+from estimator.gaussian.components import Components, moments_of
 from estimator.soft.importance import reweighted, turned, unit_points
-from estimator.soft.mixtures import moments_of
 from estimator.soft.models import SoftModel, ranges, region
 from estimator.soft.salmond import merged
 from estimator.soft.variational import products, variational

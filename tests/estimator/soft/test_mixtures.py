@@ -7,10 +7,11 @@ import pytest
 
 from estimator.arrays import FloatArray
 from estimator.filter import Area
-from estimator.gaussian.components import Components
+from estimator.gaussian.components import Components, moments_of
 from estimator.motion import MotionConfig
 from estimator.sensors.range_bearing import RangeBearing
-from estimator.soft.mixtures import Mixtures, MixturesConfig, MixturesState, TargetTable, moments_of
+from estimator.soft.config import MixturesConfig, TargetTable
+from estimator.soft.mixtures import Mixtures, MixturesState
 from estimator.soft.models import directions, ranges
 from estimator.soft.statement import SoftObservation
 from tests.estimator.soft import grids
