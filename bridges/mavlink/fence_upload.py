@@ -44,7 +44,7 @@ def put_on_board(visit: Visit, mission_name: str, yes: bool) -> int:
     """
     mission = load(mission_name)
     visit.meet()
-    report, _ = visit.listen(2.5)
+    report, _ = visit.listen()
     robot, config = _robot(mission, report.system)
     if report.home is None:
         raise LinkError(f"system {report.system} has no home position yet; wait until it knows where it is")
