@@ -51,6 +51,7 @@ class Flight:
         self._setpoints = Setpoints((commands.system, commands.component), config.fallbacks.pose_stale_s)
         self.grounded = False  # it comes down and stays there until resumed
         self._refused = ""  # the setpoint that was not sent, once said
+        self._rising = False  # it has left the ground to climb
         self._taking = False  # whoever flew it before, we were told to take it
 
     def __repr__(self) -> str:
@@ -89,8 +90,8 @@ class Flight:
 
     def outcome(self, now: float, outcome: Outcome) -> None:
         """How a command of ours ended."""
-        if outcome.ok:
-            return
+        if outcome.ok or (self._rising and outcome.command.number == mavlink.MAV_CMD_NAV_TAKEOFF):
+            return  # asked again for want of an answer, an ArduPilot in the air refuses to take off
         if outcome.command.number in (
             mavlink.MAV_CMD_COMPONENT_ARM_DISARM,
             mavlink.MAV_CMD_DO_SET_MODE,
@@ -110,23 +111,16 @@ class Flight:
             self.take_over(now, taken)
         if self.phase == "taken over":
             return []
-        if self.phase == "ready":
-            return self._ready(now, report, task, reasons)
-        if self.phase == "engaging":
-            return self._engaging(now, report, task, reasons)
-        if self.phase == "climbing":
-            return self._climbing(now, report, task)
-        if self.phase == "flying":
-            return self._flying(now, report, task)
-        return self._down(now, report, task)
-
-    # -- phases
+        self._rising = self.phase == "climbing" and report.in_air
+        if self.phase in ("ready", "engaging"):
+            begin = self._ready if self.phase == "ready" else self._engaging
+            return begin(now, report, task, reasons)
+        go_on = {"climbing": self._climbing, "flying": self._flying}.get(self.phase, self._down)
+        return go_on(now, report, task)
 
     def _ready(self, now: float, report: VehicleReport, task: Task, reasons: list[str]) -> list[Message]:
         flying = report.armed and report.in_air
-        if flying and (
-            "disarm" in self._asked or self.grounded
-        ):  # it would not be disarmed: it is in the air
+        if flying and ("disarm" in self._asked or self.grounded):  # in the air it would not be disarmed
             self._enter("landing", now)
             return self._down(now, report, task)
         if report.armed and not self._taking:
@@ -194,9 +188,8 @@ class Flight:
         if isinstance(task, Land | Return):
             self._enter("landing", now)
             return self._down(now, report, task)
-        height = self._config.take_off_height
+        out, height = [], self._config.take_off_height
         command = self.autopilot.take_off(height)
-        out: list[Message] = []
         if command is None:
             assert self._base is not None
             out = self._setpoints.position(now, self._base - np.array([0.0, 0.0, height]), None)
@@ -228,7 +221,8 @@ class Flight:
             return self._setpoints.position(now, task.position, task.yaw)
         if isinstance(task, Drive):
             self._permitted()
-            return self._setpoints.velocity(now, task.velocity, task.yaw)
+            yaw = task.yaw if self.autopilot.body == "copter" else None  # a rover would drive where it looks
+            return self._setpoints.velocity(now, task.velocity, yaw)
         return self._setpoints.hold(now, report)
 
     def _down(self, now: float, report: VehicleReport, task: Task) -> list[Message]:
@@ -289,9 +283,8 @@ class Flight:
         self._asked = {}
 
     def _ask_mode(self, now: float, mode: str) -> None:
-        self._ask(
-            now, f"mode {mode}", lambda: self._commands.ask(self.autopilot.mode_command(mode), urgent=True)
-        )
+        command = self.autopilot.mode_command(mode)
+        self._ask(now, f"mode {mode}", lambda: self._commands.ask(command, urgent=True))
 
     def _ask(self, now: float, what: str, send: Callable[[], None]) -> None:
         """Once, and again when it has been acknowledged but does not show."""

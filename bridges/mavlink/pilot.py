@@ -127,7 +127,11 @@ class Pilot:
     # -- hearing
 
     def _hear(self, now: float, message: Message) -> list[Message]:
+        told = self.vehicle.told
         self.vehicle.hear(now, message)
+        for text in list(self.vehicle.texts)[told - self.vehicle.told :] if self.vehicle.told > told else ():
+            if text.severity <= mavlink.MAV_SEVERITY_WARNING:
+                self.say("error" if text.severity <= mavlink.MAV_SEVERITY_ERROR else "warning", text.text)
         kind = message.get_type()
         if kind == "LOCAL_POSITION_NED" and self.vehicle.heard.get(kind) == now:
             self.captured = self.timesync.captured(message.time_boot_ms / 1e3, now)
@@ -139,10 +143,6 @@ class Pilot:
                 self.flight.outcome(now, outcome)
         elif kind == "PARAM_VALUE" and self.introduction is not None:
             self.introduction.hear(message, self.vehicle)
-        elif kind == "STATUSTEXT" and self.vehicle.texts:
-            text = self.vehicle.texts[-1]
-            if text.severity <= mavlink.MAV_SEVERITY_WARNING:
-                self.say("error" if text.severity <= mavlink.MAV_SEVERITY_ERROR else "warning", text.text)
         return []
 
     def _notice_reboot(self, now: float) -> None:

@@ -14,6 +14,7 @@ from bridges.mavlink.dialect import Message, mavlink
 from estimator.arrays import FloatArray
 
 STATUS_TEXTS = 30
+PIECE = 50  # bytes of a text in one message
 PREARM = mavlink.MAV_SYS_STATUS_PREARM_CHECK
 COPTERS = frozenset({2, 3, 4, 13, 14, 15, 29, 35, 43})  # MAV_TYPE
 ROVERS = frozenset({10, 11})
@@ -73,10 +74,13 @@ class VehicleReport:
     version: str = ""
     radio: float | None = None  # weaker side's strength, 0-1
     texts: deque[StatusText] = field(default_factory=lambda: deque(maxlen=STATUS_TEXTS))
+    told: int = 0  # texts in all
     reboots: int = 0
     turns: deque[float] = field(default_factory=lambda: deque(maxlen=8))  # when its clock went back
     counters: Counter[str] = field(default_factory=Counter)
-    _chunks: dict[int, list[tuple[int, str]]] = field(default_factory=dict)
+    _chunks: dict[int, tuple[int, list[tuple[int, str]]]] = field(
+        default_factory=dict
+    )  # id -> severity, pieces
 
     def age(self, kind: str, now: float) -> float:
         """Seconds since a message of this type was heard; infinity: never."""
@@ -184,17 +188,26 @@ class VehicleReport:
     def _text(self, now: float, message: Message) -> None:
         text = message.text if isinstance(message.text, str) else message.text.decode("utf-8", "replace")
         text = text.rstrip("\x00")
-        if message.id:
-            chunks = self._chunks.setdefault(message.id, [])
-            chunks.append((message.chunk_seq, text))
-            if len(text) >= 50 and len(chunks) < 8:
-                return
-            text = "".join(part for _, part in sorted(self._chunks.pop(message.id)))
-        if len(self._chunks) > 8:
-            self._chunks.clear()
-        self.texts.append(
-            StatusText(now, message.severity, "".join(c if c.isprintable() else "?" for c in text))
-        )
+        for other in self._chunks.keys() - {
+            message.id
+        }:  # a PX4 does not end a text that fills its last piece
+            self._finish(now, other)
+        if not message.id:
+            self._say(now, message.severity, text)
+            return
+        chunks = self._chunks.setdefault(message.id, (message.severity, []))[1]
+        chunks.append((message.chunk_seq, text))
+        if len(text) < PIECE or len(chunks) >= 8:
+            self._finish(now, message.id)
+
+    def _finish(self, now: float, number: int) -> None:
+        severity, chunks = self._chunks.pop(number)
+        self._say(now, severity, "".join(part for _, part in sorted(chunks)))
+
+    def _say(self, now: float, severity: int, text: str) -> None:
+        self.told += 1
+        text = text.rstrip()  # a PX4 marks with a tab what it also sends as an event
+        self.texts.append(StatusText(now, severity, "".join(c if c.isprintable() else "?" for c in text)))
 
 
 _HANDLERS = {

@@ -182,6 +182,17 @@ def test_a_long_status_text_is_put_together_again() -> None:
     assert [text.text for text in report.texts] == [long, "caf?\N{REPLACEMENT CHARACTER}"]
 
 
+def test_a_text_that_fills_its_last_piece_is_told_when_the_next_begins_and_marks_are_left_out() -> None:
+    full = "Preflight Fail: " + "x" * 34
+    report = VehicleReport()
+    hear(
+        report,
+        mavlink.MAVLink_statustext_message(2, full.encode(), 4, 0),
+        mavlink.MAVLink_statustext_message(4, b"Failsafe activated\t", 5, 0),
+    )
+    assert [(text.severity, text.text) for text in report.texts] == [(2, full), (4, "Failsafe activated")]
+
+
 def test_bodies_have_names() -> None:
     assert [body_of(kind) for kind in (2, 13, 10, 1, 250)] == [
         "copter",

@@ -209,6 +209,24 @@ def test_other_traffic_lost_frames_and_garbage_do_not_keep_it_from_flying(settin
     assert air.report.link_quality < 1.0
 
 
+def test_a_take_off_whose_answer_is_lost_goes_on_when_it_is_refused_the_second_time() -> None:
+    air = Air(ARDUCOPTER)
+    air.want(TakeOff())
+    assert air.until(lambda: bool(air.commands(mavlink.MAV_CMD_NAV_TAKEOFF)), 40.0)
+    air.fault("lost_acks", 1.0, lasts=2.0)
+    assert air.until(lambda: air.pilot.phase == "flying", 30.0), air.said()
+    assert len(air.commands(mavlink.MAV_CMD_NAV_TAKEOFF)) > 1
+    assert len(air.commands(ARM)) == 1
+
+
+def test_a_rover_is_driven_where_the_velocity_points_not_where_it_should_look() -> None:
+    air = Air(ROVER)
+    air.want(Drive(np.array([1.0, 0.0, 0.0]), yaw=1.5))
+    assert air.until(lambda: air.count(SETPOINT) > 3, 40.0), air.said()
+    masks = {message.type_mask for _, message in air.sent if message.get_type() == SETPOINT}
+    assert all(mask & 0x400 and mask & 0x800 for mask in masks)
+
+
 def test_a_rover_returns_stops_and_is_disarmed() -> None:
     air = Air(ROVER)
     air.want(GoTo(np.array([10.0, 0.0, 0.0])))
