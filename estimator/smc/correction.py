@@ -4,12 +4,15 @@ Vo, Singh & Doucet, "Sequential Monte Carlo methods for multi-target filtering w
 Transactions on Aerospace and Electronic Systems, 2005, eq. 20.
 """
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from estimator.arrays import FloatArray, IntArray
 from estimator.kernels import kernel
 from estimator.sensor import Look
 
+_PAIRS = 20_000_000  # of particles and measurements looked at together: bounds the memory of large sets
 _NOTHING = 1e-290  # a denominator up to this is 0 to working precision
 
 
@@ -84,3 +87,10 @@ def _correct(
         for k in range(offsets[j], offsets[j + 1]):
             i = indices[k]
             posterior[i] += weights[i] * detection[i] * likelihood[k] * inverse
+
+
+def blocks_of(measurements: FloatArray, particles: int) -> Iterator[FloatArray]:
+    """The set in parts of so many measurements that particles times measurements stay in memory."""
+    rows = min(max(_PAIRS // max(particles, 1), 16), 128)
+    for begin in range(0, max(len(measurements), 1), rows):
+        yield measurements[begin : begin + rows]

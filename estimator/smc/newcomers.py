@@ -22,6 +22,10 @@ from estimator.smc.resampling import gathered, systematic
 from estimator.smc.state import SmcPhdState, turned_back
 from estimator.undetected import Undetected
 
+# A measurement is left to the particles if they explain it so much better than a newcomer does,
+_PLAIN = 1e-2
+_TRACE = 1e-4  # or if the new target would have less mass than this.
+
 
 class Newcomers(Protocol):
     """A part of the intensity that is not in the particles yet."""
@@ -181,3 +185,8 @@ def _free_grid(area: Area, particles: int, spacing: float | None) -> tuple[Float
             f"grid_spacing_m: {grid.shape[1]} free cells of {side:g} m in the area; 1 to {particles} may be"
         )
     return grid, side
+
+
+def shown(totals: FloatArray, known: FloatArray, denominators: FloatArray) -> FloatArray:
+    """Those totals (m,) that become particles; 0 for measurements left to the particles there are."""
+    return np.where((totals > _PLAIN * known) & (totals > _TRACE * denominators), totals, 0.0)

@@ -11,7 +11,6 @@ With `initial = "grid"` particles are everywhere, as Dames & Kumar (2015, sectio
 whose measurements do not say a place, such as bearings, ranges or detections alone.
 """
 
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -23,8 +22,8 @@ from estimator.sensor import SensorModel, checked_poses, validated
 from estimator.smc import regularisation
 from estimator.smc.clustering import clustered, grown, recentred, without
 from estimator.smc.config import SmcPhdConfig
-from estimator.smc.correction import corrected, explained
-from estimator.smc.newcomers import Located, initial_places, newcomers, scattered
+from estimator.smc.correction import blocks_of, corrected, explained
+from estimator.smc.newcomers import Located, initial_places, newcomers, scattered, shown
 from estimator.smc.regularisation import REACH
 from estimator.smc.resampling import systematic
 from estimator.smc.state import SmcPhdState, moved, with_velocities
@@ -34,11 +33,7 @@ from estimator.soft.statement import SoftObservation
 from estimator.spacing import capped
 from estimator.undetected import Undetected
 
-# A measurement is left to the particles if they explain it so much better than the undetected part does,
-_PLAIN = 1e-2
-_TRACE = 1e-4  # or if the new target would have less mass than this.
 _NEW = 200_000  # particles that one set may add, or as many as there may be
-_PAIRS = 20_000_000  # of particles and measurements looked at together: bounds the memory of large sets
 
 
 class SmcPhd:
@@ -138,14 +133,14 @@ class SmcPhd:
         measurements = validated(measurements, sensor.measurement_size)
         if regularisation.is_due(state, self.config):
             state = self.resampled(state, rng)
-        blocks = list(_blocks(measurements, state.weights.size))
+        blocks = list(blocks_of(measurements, state.weights.size))
         weights, spreads, arrivals = state.weights, [], []
         for k, block in enumerate(blocks):
             look = sensor.look(state.positions, pose, block)
             known = explained(state.weights, look)
             parts = newcomers(state, sensor, pose, block, rng)
             denominators = look.clutter + known
-            fresh = [_shown(part.totals, known, denominators) for part in parts]
+            fresh = [shown(part.totals, known, denominators) for part in parts]
             for totals in fresh:
                 denominators += totals
             posterior = corrected(state.weights, look, denominators)
@@ -300,18 +295,6 @@ def _with(state: SmcPhdState, states: FloatArray) -> SmcPhdState:
         states=np.concatenate([state.states, states], axis=1),
         labels=np.concatenate([state.labels, np.full(states.shape[1], -1)]),
     )
-
-
-def _blocks(measurements: FloatArray, particles: int) -> Iterator[FloatArray]:
-    """The set in parts of so many measurements that particles times measurements stay in memory."""
-    rows = min(max(_PAIRS // max(particles, 1), 16), 128)
-    for begin in range(0, max(len(measurements), 1), rows):
-        yield measurements[begin : begin + rows]
-
-
-def _shown(totals: FloatArray, known: FloatArray, denominators: FloatArray) -> FloatArray:
-    """Those totals (m,) that become particles; 0 for measurements left to the particles there are."""
-    return np.where((totals > _PLAIN * known) & (totals > _TRACE * denominators), totals, 0.0)
 
 
 def _mixed(old: float, new: float) -> float:

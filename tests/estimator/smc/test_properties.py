@@ -214,7 +214,7 @@ def test_a_set_cut_into_blocks_is_the_set(monkeypatch: pytest.MonkeyPatch) -> No
     state, rng = after_some_looks(filter, 0), np.random.default_rng(0)
     z = np.vstack([sensor.sample(TARGETS, POSE, rng) for _ in range(30)])
     whole = filter.update(state, sensor, POSE, z, rng)
-    monkeypatch.setattr("estimator.smc.smc_phd._PAIRS", 0)
+    monkeypatch.setattr("estimator.smc.correction._PAIRS", 0)
     assert np.allclose(filter.update(state, sensor, POSE, z, rng).weights, whole.weights, rtol=1e-9)
 
 
