@@ -6,7 +6,7 @@ that the estimator and the planners reason with and the device that the driver r
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
@@ -87,7 +87,7 @@ class Vehicle(ABC):
 class VehicleHealth:
     """How a real vehicle is."""
 
-    words: str  # for people, one line of at most 100 characters
+    words: str  # for people, one line of at most 200 characters
     gauges: Mapping[str, float]
     counters: Mapping[str, int]
 
@@ -147,6 +147,38 @@ class Sensor(ABC):
         """Let go of what it holds open."""
 
 
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """A measurement set of a real sensor."""
+
+    time: float  # team time of its capture
+    pose: FloatArray  # (4,) of the robot then
+    measurements: FloatArray  # (m, s); none: it looked and saw nothing
+
+
+Poses = Callable[[float], FloatArray | None]
+"""Where the robot was at a team time, (4,); None: nobody remembers."""
+
+
+class LiveSensor(ABC):
+    """A real sensor: its sets come when they come, or not at all. Never blocks."""
+
+    @abstractmethod
+    def arrived(self, now: float, poses: Poses) -> list[Seen]:
+        """The sets that came since the last call, in the order of their capture; `now` is team time."""
+
+    @abstractmethod
+    def news(self) -> list[tuple[str, str]]:
+        """What people should read, each once: level ("info", "warning", "error") and text."""
+
+    @abstractmethod
+    def counters(self) -> Mapping[str, int]:
+        """What came, and what was not taken by reason."""
+
+    def close(self) -> None:
+        """Let go of what it holds open."""
+
+
 class VehicleKind(Protocol):
     """A vehicle that a mission can name."""
 
@@ -190,6 +222,19 @@ class SensorKind(Protocol):
     @staticmethod
     def device(config: Any, context: DeviceContext) -> Sensor:
         """The sensor itself."""
+
+
+@runtime_checkable
+class LiveSensorKind(Protocol):
+    """A sensor kind for real sensors, whose `device` is their simulation, for rehearsals in virtual time."""
+
+    @staticmethod
+    def listen(config: Any, context: DeviceContext) -> LiveSensor:
+        """The real sensor.
+
+        Raises:
+            MissionError, LinkError, DataError: if it cannot be had.
+        """
 
 
 class WorldKind(Protocol):

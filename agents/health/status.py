@@ -170,8 +170,13 @@ def table(report: "TeamHealth") -> "RenderableType":
         f"  {clock}  sets {sets}  ",
         ("healthy", "bold green") if report.healthy else (f"{len(report.problems)} problems", "bold yellow"),
     )
-    below = [Text(f"! {problem}", style="yellow") for problem in report.problems[:20]]
-    hidden = len(report.problems) - len(below)
+    below = [
+        Text(f"{p.id}: {p.vehicle}", style="dim", no_wrap=True, overflow="ellipsis")
+        for p in report.processes
+        if p.vehicle and p.alive
+    ]
+    below += [Text(f"! {problem}", style="yellow") for problem in report.problems[:20]]
+    hidden = len(report.problems) - 20
     if hidden > 0:
         below.append(Text(f"and {hidden} more", style="dim"))
     return Group(head, rows, *below)

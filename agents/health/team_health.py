@@ -45,6 +45,8 @@ class ProcessHealth(msgspec.Struct, frozen=True, kw_only=True):
     late_ms: dict[str, float]  # the greatest lateness of the last second as it hears, by topic
     silent: dict[str, int]  # live peers that it does not hear as it should, by topic
     topics: dict[str, TopicHealth]
+    vehicle: str  # a real one in words; else ""
+    telemetry: dict[str, float]  # a real one's gauges: battery, fix, link_quality, clock_offset, ...
 
 
 class TeamHealth(msgspec.Struct, frozen=True, kw_only=True):
@@ -151,6 +153,8 @@ class HealthBoard:
             late_ms=_under(gauges, "late_ms."),
             silent={topic: int(n) for topic, n in _under(gauges, "silent.").items()},
             topics=topics,
+            vehicle="" if message is None else message.vehicle,
+            telemetry=_under(gauges, "mavlink."),
         )
 
     def _problems(self, processes: Iterable[ProcessHealth]) -> list[str]:
@@ -163,6 +167,8 @@ class HealthBoard:
             if len(p.boots) > 1 and p.role in ("robot", "fusion"):
                 found.append(f"{len(p.boots)} processes are {p.role} {p.id}: {', '.join(p.boots)}")
             found += self._growing(p)
+            if p.alive and p.telemetry.get("trouble"):
+                found.append(f"the vehicle of {p.id}: {p.vehicle}")
             off = p.clock.get("offset_ms", 0.0) - p.clock.get("corrected_ms", 0.0)
             if abs(off) > max(2.0 * p.clock.get("error_ms", 0.0), 1e3):
                 found.append(f"the clock of {p.id} is {off / 1e3:+.1f} s off and not corrected")

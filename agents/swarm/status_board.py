@@ -34,6 +34,7 @@ class StatusBoard:
         self._sets: dict[tuple[str, str], int] = {}  # sets sent, by process and boot
         self._rejected: dict[str, int] = {}
         self._twice: dict[str, float] = {}  # task-seconds that another held one of its tasks too
+        self._vehicles: dict[str, str] = {}  # real ones, in words
         self._tasks: dict[str, float | None] = {}  # how many a process holds, where robots share tasks
         self._shown = Shown(_SILENCE_S)
         self._marks: dict[str, Watermark] = {}  # by boot: a posterior need not tell of those that ended
@@ -64,6 +65,7 @@ class StatusBoard:
                 self._poses[sender] = message
                 self._states[sender] = message.state
             case HealthMessage():
+                self._vehicles[sender] = message.vehicle
                 self._tasks[sender] = message.gauges.get("tasks_owned")
                 self._twice[sender] = message.gauges.get("double_owned_s", 0.0)
                 self._rejected[sender] = message.counters.get("rejected", 0)
@@ -122,6 +124,7 @@ class StatusBoard:
             tasks=None if (held := self._tasks.get(name)) is None else int(held),
             travelled_m=self._poses[name].travelled if name in self._poses else None,
             restarts=max(0, len(boots) - 1),
+            vehicle=self._vehicles.get(name, ""),
         )
 
     def _stored(self, name: str, role: str) -> int | None:

@@ -27,6 +27,7 @@ class ProcessStatus:
     travelled_m: float | None = None
     restarts: int = 0
     tasks: int | None = None  # that it holds
+    vehicle: str = ""  # a real one, in words
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +58,11 @@ def status_table(status: TeamStatus) -> RenderableType:
     hidden = len(status.processes) - _MOST_ROWS
     if hidden > 0:
         parts.append(Text(f"and {hidden} more processes that are well", style="dim"))
+    parts += [
+        Text(f"{process.id}: {process.vehicle}", style="dim", no_wrap=True, overflow="ellipsis")
+        for process in status.processes[:_MOST_ROWS]
+        if process.vehicle and process.alive
+    ]
     parts += [
         Text(f"! {problem}", style="yellow", no_wrap=True, overflow="ellipsis")
         for problem in status.problems[:_MOST_PROBLEMS]

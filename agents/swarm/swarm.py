@@ -14,7 +14,7 @@ from rich.live import Live
 
 from agents.allocation.ownership import SILENT_S, Ownership
 from agents.clock import TeamClock
-from agents.errors import LinkError, SearchpartyError
+from agents.errors import DataError, LinkError, MissionError, SearchpartyError
 from agents.health.team_health import HealthBoard
 from agents.machine import Event, Heard
 from agents.mission.mission import Mission, link_of
@@ -38,6 +38,7 @@ HEARD = (POSE, SET, BID, POSTERIOR, BELIEF, HEALTH, EVENT, START)
 GRACE_S = 1.0  # wall time from the last found target to the end
 REFRESH_S = 0.25
 TRUTH_PERIOD_S = 1.0
+REFUSALS = (MissionError.exit_code, LinkError.exit_code, DataError.exit_code)
 FAREWELL_S = 0.2  # for the last health messages to arrive
 
 
@@ -176,6 +177,8 @@ class Swarm:
         robots = [s for s in statuses if s.role == "robot"]
         fusions = [s for s in statuses if s.role == "fusion"]
         dead = robots if all(s.final for s in robots) else []
+        if not self._started:  # nobody has taken off: a mission that one cannot do is not begun without it
+            dead = [s for s in robots if s.final and s.exit_code in REFUSALS] or dead
         # Once the team has its time, robots that may go on alone do.
         if not (self._started and self._mission.fusion.share_state_s) and all(s.final for s in fusions):
             dead = fusions
@@ -185,6 +188,7 @@ class Swarm:
         log = self._directory.path / f"{first.name}.log"
         lines = log.read_text(errors="replace").strip().splitlines() if log.exists() else []
         words = next((line for line in reversed(lines) if line.strip()), "no word in its log")
+        words = words.removeprefix("searchparty: ")
         raise LinkError(f"{first.name} ended with exit status {first.exit_code}: {words} (see {log})")
 
     def _changed(self, status: Status) -> None:

@@ -217,7 +217,7 @@ class HealthMessage(Message, frozen=True, kw_only=True):
     counters: dict[str, int]
     gauges: dict[str, float]
     histograms: dict[str, Array]
-    vehicle: Annotated[str, Meta(max_length=100)] = ""  # a real one in words: mode, battery, fix, link
+    vehicle: Annotated[str, Meta(max_length=200)] = ""  # a real one in words: mode, battery, fix, link
 
 
 class EventMessage(Message, frozen=True, kw_only=True):

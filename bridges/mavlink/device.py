@@ -208,6 +208,7 @@ class MavlinkVehicle(LiveVehicle):
         report = self._bridge.report()
         counters = {f"mavlink.{name}": count for name, count in (report.counters or {}).items()}
         gauges = report.gauges() | self.steering.gauges()
+        gauges |= {"mavlink.ours": float(report.ours), "mavlink.trouble": float(bool(report.trouble))}
         return VehicleHealth(summary(report), gauges, counters | self.steering.counters())
 
     def resume(self) -> None:

@@ -7,9 +7,9 @@ ABSOLUTE, CONSTANT = 16, 128  # bits of the estimator's flags
 
 
 def summary(report: PilotReport) -> str:
-    """At most 100 characters."""
+    """At most 200 characters."""
     if not report.autopilot:
-        return report.phase
+        return (report.trouble or report.phase)[:200]
     flags = report.estimator_flags
     good = flags is not None and flags & ABSOLUTE and not flags & CONSTANT
     parts = [
@@ -25,4 +25,4 @@ def summary(report: PilotReport) -> str:
     parts.append(f"link {report.link_quality:.0%}")
     if not report.ours:
         parts.append(report.phase)
-    return ", ".join(parts)[:100]
+    return (", ".join(parts) + (f": {report.trouble}" if report.trouble else ""))[:200]
