@@ -19,60 +19,43 @@ from sim.sensor import simulated
 from sim.vehicle import SimulatedVehicle
 
 
-class QuadrotorKind:
+class _VehicleKind:
+    """A vehicle simulated by the very model that planners predict with."""
+
+    Model: ClassVar[Any]  # with Config, made of one
+
+    @classmethod
+    def model(cls, config: Any, area: Area) -> VehicleModel:
+        made: VehicleModel = cls.Model(config)
+        return made
+
+    @classmethod
+    def device(cls, config: Any, context: DeviceContext) -> Vehicle:
+        return SimulatedVehicle(cls.model(config, context.area), context.start, context.now)
+
+
+class QuadrotorKind(_VehicleKind):
     """`kind = "quadrotor"`: the Parrot Mambo of (MA)ASI section 5.1 within speed and acceleration limits."""
 
-    Config = Quadrotor.Config
-
-    @staticmethod
-    def model(config: Any, area: Area) -> VehicleModel:
-        return Quadrotor(config)
-
-    @staticmethod
-    def device(config: Any, context: DeviceContext) -> Vehicle:
-        return SimulatedVehicle(Quadrotor(config), context.start, context.now)
+    Model, Config = Quadrotor, Quadrotor.Config
 
 
-class UnicycleKind:
+class UnicycleKind(_VehicleKind):
     """`kind = "unicycle"`: a ground robot with a stabilising waypoint controller."""
 
-    Config = Unicycle.Config
-
-    @staticmethod
-    def model(config: Any, area: Area) -> VehicleModel:
-        return Unicycle(config)
-
-    @staticmethod
-    def device(config: Any, context: DeviceContext) -> Vehicle:
-        return SimulatedVehicle(Unicycle(config), context.start, context.now)
+    Model, Config = Unicycle, Unicycle.Config
 
 
-class FixedWingKind:
+class FixedWingKind(_VehicleKind):
     """`kind = "fixed_wing"`: an aircraft that flies shortest Dubins ways and holds on a loiter circle."""
 
-    Config = FixedWing.Config
-
-    @staticmethod
-    def model(config: Any, area: Area) -> VehicleModel:
-        return FixedWing(config)
-
-    @staticmethod
-    def device(config: Any, context: DeviceContext) -> Vehicle:
-        return SimulatedVehicle(FixedWing(config), context.start, context.now)
+    Model, Config = FixedWing, FixedWing.Config
 
 
-class PointMassKind:
+class PointMassKind(_VehicleKind):
     """`kind = "point_mass"`: goes anywhere within limits of speed and acceleration."""
 
-    Config = PointMass.Config
-
-    @staticmethod
-    def model(config: Any, area: Area) -> VehicleModel:
-        return PointMass(config)
-
-    @staticmethod
-    def device(config: Any, context: DeviceContext) -> Vehicle:
-        return SimulatedVehicle(PointMass(config), context.start, context.now)
+    Model, Config = PointMass, PointMass.Config
 
 
 class _SensorKind:

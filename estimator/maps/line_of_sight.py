@@ -4,15 +4,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.arrays import BoolArray, FloatArray
+from estimator.arrays import FloatArray
 from estimator.maps.sight import Sight
-from estimator.sensor import Look, SensorModel, checked_points, checked_poses, gaussian
+from estimator.sensor import Look, SensorModel, checked_points, checked_poses
+from estimator.sensors.wrapped import Wrapped
 
 _STEP = np.radians(1.0)  # an outline's edge is cut so finely, as seen from the sensor
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LineOfSight:
+class LineOfSight(Wrapped):
     """A sensor model that does not see through walls.
 
     Filters and planners ask for p_D, so particles, clusters and planned measurements are all hidden alike.
@@ -21,14 +22,6 @@ class LineOfSight:
 
     sensor: SensorModel
     sight: Sight
-
-    @property
-    def dimension(self) -> int:
-        return self.sensor.dimension
-
-    @property
-    def measurement_size(self) -> int:
-        return self.sensor.measurement_size
 
     def detection(self, points: FloatArray, poses: FloatArray) -> FloatArray:
         """p_D (k, n) of points (d, n) from poses (k, 4): the sensor's own, and 0 behind walls.
@@ -54,36 +47,6 @@ class LineOfSight:
             return look
         likelihood = np.where(hidden[look.indices], 0.0, look.likelihood)
         return Look(seen, look.offsets, look.indices, likelihood, look.clutter)
-
-    def locate(self, measurements: FloatArray, pose: FloatArray) -> FloatArray:
-        """As the sensor's own; noise may put it behind a wall."""
-        return self.sensor.locate(measurements, pose)
-
-    def location_covariance(self, measurements: FloatArray, pose: FloatArray) -> FloatArray:
-        """As the sensor's own."""
-        return self.sensor.location_covariance(measurements, pose)
-
-    def clutter_intensity(self, measurements: FloatArray, pose: FloatArray) -> FloatArray:
-        """As the sensor's own."""
-        return self.sensor.clutter_intensity(measurements, pose)
-
-    @property
-    def noise(self) -> FloatArray:
-        """As the sensor's own, where it is Gaussian."""
-        return gaussian(self.sensor).noise
-
-    @property
-    def angular(self) -> BoolArray:
-        """As the sensor's own, where it is Gaussian."""
-        return gaussian(self.sensor).angular
-
-    def measure(self, targets: FloatArray, pose: FloatArray) -> FloatArray:
-        """As the sensor's own, where it is Gaussian."""
-        return gaussian(self.sensor).measure(targets, pose)
-
-    def jacobian(self, targets: FloatArray, pose: FloatArray) -> FloatArray:
-        """As the sensor's own, where it is Gaussian."""
-        return gaussian(self.sensor).jacobian(targets, pose)
 
     def sample(self, targets: FloatArray, pose: FloatArray, rng: np.random.Generator) -> FloatArray:
         """One random measurement set (m, s) of those of the targets (d, n) that no wall hides."""

@@ -10,8 +10,9 @@ from itertools import product
 
 import numpy as np
 
-from estimator.arrays import BoolArray, FloatArray
-from estimator.sensor import Look, SensorModel, checked_points, gaussian
+from estimator.arrays import FloatArray
+from estimator.sensor import Look, SensorModel, checked_points
+from estimator.sensors.wrapped import Wrapped
 
 # Gauss-Hermite of three nodes: exact for polynomials up to degree five of a normal variable.
 _NODES = ((-np.sqrt(3.0), 1.0 / 6.0), (0.0, 2.0 / 3.0), (np.sqrt(3.0), 1.0 / 6.0))
@@ -21,7 +22,7 @@ _SHARES = {d: np.array([np.prod([w for _, w in corner]) for corner in c]) for d,
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class WithKnown:
+class WithKnown(Wrapped):
     """A sensor model to whose clutter known objects add their measurements.
 
     An object at x_k is where a normal variable of standard deviation `spread` (m, every axis) around
@@ -35,18 +36,6 @@ class WithKnown:
     spread: FloatArray  # (k,)
     rates: FloatArray  # (k,)
 
-    @property
-    def dimension(self) -> int:
-        return self.sensor.dimension
-
-    @property
-    def measurement_size(self) -> int:
-        return self.sensor.measurement_size
-
-    def detection(self, points: FloatArray, poses: FloatArray) -> FloatArray:
-        """p_D as the sensor's own."""
-        return self.sensor.detection(points, poses)
-
     def look(self, points: FloatArray, pose: FloatArray, measurements: FloatArray) -> Look:
         """The sensor's look, with the known objects in its clutter intensity.
 
@@ -57,43 +46,13 @@ class WithKnown:
         clutter = look.clutter + self._expected(measurements, pose)
         return Look(look.detection, look.offsets, look.indices, look.likelihood, clutter)
 
-    def locate(self, measurements: FloatArray, pose: FloatArray) -> FloatArray:
-        """As the sensor's own."""
-        return self.sensor.locate(measurements, pose)
-
-    def location_covariance(self, measurements: FloatArray, pose: FloatArray) -> FloatArray:
-        """As the sensor's own."""
-        return self.sensor.location_covariance(measurements, pose)
-
     def clutter_intensity(self, measurements: FloatArray, pose: FloatArray) -> FloatArray:
         """The sensor's own plus what the known objects give."""
         return self.sensor.clutter_intensity(measurements, pose) + self._expected(measurements, pose)
 
-    @property
-    def noise(self) -> FloatArray:
-        """As the sensor's own, where it is Gaussian."""
-        return gaussian(self.sensor).noise
-
-    @property
-    def angular(self) -> BoolArray:
-        """As the sensor's own, where it is Gaussian."""
-        return gaussian(self.sensor).angular
-
-    def measure(self, targets: FloatArray, pose: FloatArray) -> FloatArray:
-        """As the sensor's own, where it is Gaussian."""
-        return gaussian(self.sensor).measure(targets, pose)
-
-    def jacobian(self, targets: FloatArray, pose: FloatArray) -> FloatArray:
-        """As the sensor's own, where it is Gaussian."""
-        return gaussian(self.sensor).jacobian(targets, pose)
-
     def sample(self, targets: FloatArray, pose: FloatArray, rng: np.random.Generator) -> FloatArray:
         """As the sensor's own: the known objects' measurements are not drawn."""
         return self.sensor.sample(targets, pose, rng)
-
-    def outline(self, pose: FloatArray) -> FloatArray:
-        """As the sensor's own."""
-        return self.sensor.outline(pose)
 
     def _expected(self, measurements: FloatArray, pose: FloatArray) -> FloatArray:
         """What the known objects add to the clutter intensity at measurements (m, s)."""
