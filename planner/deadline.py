@@ -85,8 +85,12 @@ class Reserve:
         """Whether there is time for the step."""
         if deadline.left() > self.kept(deadline):
             return True
-        self.seconds = min(self.SLOWLY * self.seconds, self._spread * self._usual)
+        self.refused()
         return False
+
+    def refused(self) -> None:
+        """The step did not get its turn for want of time: a little less is kept for it from now on."""
+        self.seconds = min(self.SLOWLY * self.seconds, self._spread * self._usual)
 
     def kept(self, deadline: Deadline) -> float:
         """Seconds of a deadline that are to be kept for the step."""
@@ -99,7 +103,30 @@ class Reserve:
         try:
             yield
         finally:
-            took = self.MARGIN * (deadline.passed() - before)
-            slower = took > self._usual
-            self._usual = self._usual + self.RISING * (took - self._usual) if slower else took
-            self.seconds = max(self.SOON * self.seconds, took)
+            self.took(deadline.passed() - before)
+
+    @contextmanager
+    def watched(self, deadline: Deadline) -> Iterator[Callable[[], bool]]:
+        """Around a step that asks what is yielded whether time is up.
+
+        Only the longest time for which it went on without asking counts as what it took.
+        """
+        asked, longest = deadline.passed(), 0.0
+
+        def over() -> bool:
+            nonlocal asked, longest
+            now = deadline.passed()
+            asked, longest = now, max(longest, now - asked)
+            return deadline.over()
+
+        try:
+            yield over
+        finally:
+            over()
+            self.took(longest)
+
+    def took(self, seconds: float) -> None:
+        """How long the step took."""
+        slow = self.MARGIN * seconds
+        self._usual = self._usual + self.RISING * (slow - self._usual) if slow > self._usual else slow
+        self.seconds = max(self.SOON * self.seconds, slow)

@@ -16,7 +16,7 @@ from planner.allocation.regions import Regions
 from planner.allocation.score import RobotScore
 from planner.allocation.tasks import Request, Task, TaskRules, make_tasks
 from planner.allocation.valuation import Member, Worth, valued
-from planner.plan import Intensity, PlannerSetup, PlanProblem, Trajectory
+from planner.plan import Intensity, Over, PlannerSetup, PlanProblem, Trajectory, never
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +86,7 @@ class Desk:
         held: str = "",
         capabilities: frozenset[str] | None = None,
         barred: frozenset[str] = frozenset(),
+        over: Over = never,
     ) -> RobotScore:
         """What the slots of tasks are worth to the robot, which is free at the end of its way.
 
@@ -96,6 +97,7 @@ class Desk:
             held: the task that it is at.
             capabilities: kinds of tasks that it does, and whatever else tasks may need. None: everything.
             barred: tasks that it has done its part of.
+            over: whether time is up: then clusters are valued by shorter paths.
         """
         d = problem.area.dimension
         pose, wait = self._setup.vehicles[self.robot].pose(problem.state), 0.0
@@ -118,7 +120,7 @@ class Desk:
         able = np.array([task.name not in barred for task in tasks], dtype=np.bool_)
         if capabilities is not None:
             able &= np.array([{task.kind, *task.needs} <= capabilities for task in tasks], dtype=np.bool_)
-        return valued(member, tasks, self._worth, problem.area, held=held, able=able)
+        return valued(member, tasks, self._worth, problem.area, held=held, able=able, over=over)
 
     def ability(self, problem: PlanProblem, altitude: float) -> tuple[float, float]:
         """The robot's speed (m/s) and the width (m) that its sensor sweeps."""

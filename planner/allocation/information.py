@@ -19,6 +19,7 @@ import numpy as np
 from estimator.arrays import FloatArray
 from estimator.sensor import SensorModel, gaussian
 from planner.allocation.tasks import Task
+from planner.plan import Over, never
 
 ENTRANCES = 8  # directions from which a cluster is entered
 LEAST_SPREAD = 1e-3  # metres
@@ -46,7 +47,9 @@ class Learnt:
     directions: FloatArray  # (e, d) from the task's middle
 
 
-def learnt(sensor: SensorModel, tasks: list[Task], rules: InformationRules, altitude: float) -> Learnt:
+def learnt(
+    sensor: SensorModel, tasks: list[Task], rules: InformationRules, altitude: float, over: Over = never
+) -> Learnt:
     """The heuristic for clusters `tasks` from ENTRANCES directions around them.
 
     A sensor without a Jacobian is taken to learn all there is at the entrance.
@@ -56,6 +59,7 @@ def learnt(sensor: SensorModel, tasks: list[Task], rules: InformationRules, alti
         tasks: of clusters, with covariances.
         rules: of the path.
         altitude: of the robot in a 2D area, m.
+        over: whether time is up: then the paths end sooner, after one look at least.
     """
     d = sensor.dimension
     angles = 2 * np.pi * np.arange(ENTRANCES) / ENTRANCES
@@ -96,6 +100,7 @@ def learnt(sensor: SensorModel, tasks: list[Task], rules: InformationRules, alti
         np.repeat(middles, ENTRANCES, axis=0),
         rules,
         altitude,
+        over,
     )
     return Learnt(score.reshape(t, -1), seconds.reshape(t, -1), entrances, directions)
 
@@ -109,6 +114,7 @@ def _greedy(
     middles: FloatArray,
     rules: InformationRules,
     altitude: float,
+    over: Over,
 ) -> tuple[FloatArray, FloatArray]:
     """Scores and seconds (p,) of p greedy paths from `places` (p, d) among targets (p, m)."""
     p, d = places.shape
@@ -119,7 +125,9 @@ def _greedy(
     enough = d * rules.enough**2
     moves = _moves(d) * rules.step
     seconds, going = np.zeros(p), np.ones(p, dtype=np.bool_)
-    for _ in range(rules.looks):
+    for look in range(rules.looks):
+        if look and over():
+            break
         options = places[:, None] + moves  # (p, k, d)
         gained = _fisher(sensor, options, means, middles, altitude)  # (p, k, m, d, d)
         after: FloatArray = information[:, None] + gained

@@ -7,6 +7,7 @@ Who does what is settled between the robots before any of them plans, and is giv
 `desk`). A robot that is given nothing is alone: it takes what is worth most to it.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import ClassVar
@@ -35,7 +36,9 @@ CUT_S = {
     "refine": 1e-3,
     "request": 1e-3,
 }  # that cutting a task into places may take at first
-SHARE_S = 5e-3  # and working out what tasks there are
+LIST_S = 1e-3  # and finding out what tasks there are
+VALUE_S = 2e-3  # and what they are worth
+VALUING = 0.5  # of the time there is may go into that; the rest is for the way
 
 
 class CbbaConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -86,7 +89,8 @@ class Cbba:
         self._last: dict[str, Assignment] = {}  # of robots that are given none
         self._pace = Pace()
         self._cutting = {kind: Reserve(seconds) for kind, seconds in CUT_S.items()}
-        self._sharing = Reserve(SHARE_S, spread=np.inf)  # asked twice for the same, it is quick
+        self._listing = Reserve(LIST_S)
+        self._valuing = Reserve(VALUE_S)
 
     def __repr__(self) -> str:
         return f"Cbba({self.config!r})"
@@ -141,20 +145,28 @@ class Cbba:
 
         Without time to work that out, what it was at the last time; None if there was none.
         """
-        if not self._sharing.fits(deadline):
+        made = self._worked_out(problem, deadline)
+        if made is None:
             return self._last.get(problem.robot)
-        with self._sharing.measured(deadline):
-            made = self._worked_out(problem)
         if not problem.context.get("rehearsal"):
             self._last[problem.robot] = made
         return made
 
-    def _worked_out(self, problem: PlanProblem) -> Assignment:
+    def _worked_out(self, problem: PlanProblem, deadline: Deadline) -> Assignment | None:
+        if not self._listing.fits(deadline):
+            return None
         requests = tuple(r for r in problem.context.get("requests", ()) if isinstance(r, Request))
         desk, robot = self.desk(problem.robot), problem.robot
-        tasks = tuple(task for task in desk.tasks(problem, requests) if task.robots == 1)
-        state = AllocationState.start(robot, [robot], self.config.bundle)
-        state = build_bundle(state, slot_names(tasks), desk.score(problem, tasks))
+        with self._listing.measured(deadline):
+            tasks = tuple(task for task in desk.tasks(problem, requests) if task.robots == 1)
+        left = deadline.left()
+        until = deadline if math.isinf(left) else deadline.less((1.0 - VALUING) * left)
+        if not self._valuing.fits(until):
+            return None
+        with self._valuing.watched(until) as over:
+            state = AllocationState.start(robot, [robot], self.config.bundle)
+            score = desk.score(problem, tasks, over=over)
+            state = build_bundle(state, slot_names(tasks), score)
         return Assignment(tasks, tuple(task_of(slot) for slot in state.path))
 
     def _nearest(self, problem: PlanProblem, tasks: tuple[Task, ...]) -> list[Task]:

@@ -16,6 +16,7 @@ from planner.allocation.information import InformationRules, learnt
 from planner.allocation.score import RobotScore, TeamScores
 from planner.allocation.slots import slots
 from planner.allocation.tasks import Task
+from planner.plan import Over, never
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +60,7 @@ def valued(
     *,
     held: str = "",
     able: BoolArray | None = None,
+    over: Over = never,
 ) -> RobotScore:
     """What the slots of all tasks are worth to a robot.
 
@@ -69,6 +71,7 @@ def valued(
         area: whose volume the unexplored mass is a share of.
         held: the task that the robot is at.
         able: (t,) tasks that the robot can do; it bids for no other. Default: all.
+        over: whether time is up: then what is learnt of clusters is worked out for shorter paths.
     """
     t, d = len(tasks), member.place.size
     places = np.array([task.place for task in tasks]).reshape(t, d)
@@ -83,7 +86,7 @@ def valued(
     rules = InformationRules(
         step=member.speed * member.period, period=member.period, enough=worth.enough, fuel=worth.fuel
     )
-    known = learnt(member.sensor, [tasks[j] for j in clusters], rules, member.altitude)
+    known = learnt(member.sensor, [tasks[j] for j in clusters], rules, member.altitude, over)
     for row, j in enumerate(clusters):
         entrance = int(np.argmin(np.linalg.norm(known.entrances[row] - member.place, axis=1)))
         values[j] = worth.refine * known.score[row, entrance]

@@ -107,7 +107,7 @@ class MutualInformation:
 
     def late(self) -> Plan:
         """A hold before there was any action; less time is kept for ways then, or it might stay so."""
-        self.following.reserve.fits(Deadline(0.0))  # it does not: that makes it forget
+        self.following.reserve.refused()
         return Plan(None, LATE)
 
     def nowhere(self, problem: PlanProblem, *, late: bool) -> Plan:

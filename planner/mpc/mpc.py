@@ -40,6 +40,7 @@ RESERVE_S = 2e-3  # kept from the deadline
 WAY_S = 4e-3  # that finding waypoints may take, before it was measured
 LEAST_TURN = 0.02  # rad/s, of a vehicle that seems not to turn at all
 AROUND_S = 4e-3  # and a way around obstacles
+ASKED_S = 1e-2  # that the solver may go on without asking for the time, before that was measured
 
 
 class MpcConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -90,6 +91,7 @@ class Mpc:
         if velocity.shape != (2,) or not np.isfinite(velocity).all():
             raise ValueError(f"velocity_m_s: expected 2 finite numbers, got {config.velocity_m_s}")
         self._finish, self._around = Reserve(WAY_S, yields=True), Reserve(AROUND_S)
+        self._asking = Reserve(ASKED_S)
         made: dict[tuple[Domain, Limits], tuple[Program, Program]] = {}
         self._memories: dict[str, _Memory] = {}
         area, n = setup.area, config.horizon
@@ -185,8 +187,7 @@ class Mpc:
         """The best of the straight way, the last plan carried on and the two steps' plans; which it is."""
         domain, limits = memory.one.domain, memory.one.limits
 
-        def over() -> bool:
-            return deadline.left() <= self._finish.kept(deadline)
+        solving = deadline.less(self._finish.kept(deadline))
 
         best = rolled_out(task, straight(task, limits), domain, limits, True)
         how = "goes straight"
@@ -198,10 +199,11 @@ class Mpc:
                 best, how = again, "goes on as planned before"
         ended = "the solver had no time"
         for name, program in (("step one", memory.one), ("step two", memory.two)):
-            if over():
+            if not self._asking.fits(solving):
                 break
             try:
-                found, ended = program.solve(task, best, over)
+                with self._asking.watched(solving) as over:
+                    found, ended = program.solve(task, best, over)
             except RuntimeError as error:  # CasADi's, when the solver itself breaks down
                 ended = f"the solver failed: {str(error).splitlines()[0][:80]}"
                 continue

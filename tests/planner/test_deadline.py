@@ -107,3 +107,26 @@ def test_a_step_that_fails_is_measured_too() -> None:
     with pytest.raises(RuntimeError):
         step()
     assert reserve.seconds == pytest.approx(1.2)
+
+
+def test_of_a_step_that_asks_for_the_time_only_the_longest_while_without_asking_counts() -> None:
+    clock = Clock()
+    reserve = Reserve(0.1)
+    deadline = Deadline(5.0, clock)
+    with reserve.watched(deadline) as over:
+        for took in (1.0, 2.0, 1.5):
+            clock.now += took
+            assert not over()
+        clock.now += 1.0
+        assert over()
+        clock.now += 0.25
+    assert reserve.seconds == pytest.approx(1.2 * 2.0)
+
+
+def test_what_had_no_turn_is_refused_with_less_and_less_until_it_has_one() -> None:
+    reserve = Reserve(1.0)
+    reserve.refused()
+    assert reserve.seconds == pytest.approx(0.97)
+    for _ in range(200):
+        reserve.refused()
+    assert reserve.fits(Deadline(0.01, Clock()))

@@ -1,17 +1,22 @@
 """Deadlines by a clock that only goes on while a sensor is asked: overrun is counted, not timed."""
 
 import dataclasses
+import math
 from typing import Any
 
 import numpy as np
 import pytest
 
-from agents.plugins import load
+from agents.plugins import kinds, load
 from planner.deadline import Deadline
 from tests.planner import contract
 
-ANYTIME = ["maasi", "maasi_joint", "mi", "as_steps", "nearest_widest", "lawnmower", "thompson"]
+REHEARSED = (
+    "irrt",  # how long its tree takes for a step it learns with the first plan
+    "lawnmower",  # its swath is measured once, with the first plan
+)
 EACH_S = 2e-6  # that a detection probability takes on the fake clock
+THOUSANDS_S = 1e-7  # of one that asks for thousands at a time: several times what they take in truth
 CALL_S = 2e-5  # that a call takes besides
 
 
@@ -26,22 +31,26 @@ class Clock:
 class SlowSensor:
     """A sensor whose every answer takes time."""
 
-    def __init__(self, sensor: Any, clock: Clock) -> None:
-        self.sensor, self.clock = sensor, clock
+    def __init__(self, sensor: Any, clock: Clock, each: float) -> None:
+        self.sensor, self.clock, self.each = sensor, clock, each
 
-    @property
-    def dimension(self) -> int:
-        return int(self.sensor.dimension)
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.sensor, name)
+
+    def jacobian(self, points: Any, pose: Any) -> Any:
+        self.clock.now += CALL_S + self.each * points.shape[1]
+        return self.sensor.jacobian(points, pose)
 
     def detection(self, points: Any, poses: Any) -> Any:
-        self.clock.now += CALL_S + EACH_S * points.shape[1] * len(poses)
+        self.clock.now += CALL_S + self.each * points.shape[1] * len(poses)
         return self.sensor.detection(points, poses)
 
 
 def slow(kind: str, name: str = "drones_2d", robots: str = "abc") -> tuple[Any, Any, Clock]:
     clock = Clock()
     setup = contract.team(name, robots)
-    eyes = {robot: SlowSensor(sensor, clock) for robot, sensor in setup.sensors.items()}
+    each = THOUSANDS_S if kind == "irrt" else EACH_S
+    eyes = {robot: SlowSensor(sensor, clock, each) for robot, sensor in setup.sensors.items()}
     setup = dataclasses.replace(setup, sensors=eyes)
     found = load("planners", kind)
     planner = found(found.Config(), setup)
@@ -50,12 +59,12 @@ def slow(kind: str, name: str = "drones_2d", robots: str = "abc") -> tuple[Any, 
     return planner, setup, clock
 
 
-@pytest.mark.parametrize("kind", ANYTIME)
+@pytest.mark.parametrize("kind", kinds("planners"))
 @pytest.mark.parametrize("deadline", [0.001, 0.003, 0.005, 0.01, 0.03, 0.1])
 def test_no_plan_is_more_than_two_milliseconds_late(kind: str, deadline: float) -> None:
     planner, setup, clock = slow(kind)
     problem = dataclasses.replace(contract.ordinary(setup), deadline_s=deadline)
-    if kind == "lawnmower":  # its swath is measured once, with the first plan
+    if kind in REHEARSED:
         planner.plan(dataclasses.replace(problem, deadline_s=np.inf))
         clock.now = 0.0
     plan = planner.plan(problem)
@@ -97,3 +106,27 @@ def test_a_team_is_planned_for_in_time(deadline: float) -> None:
     if deadline >= 30.0:
         free = planner.plan_jointly(tuple(dataclasses.replace(p, deadline_s=np.inf) for p in problems))
         assert sum(p.objective for p in plans) == pytest.approx(sum(p.objective for p in free), rel=1e-9)
+
+
+@pytest.mark.parametrize("deadline", [0.003, 0.005, 0.009])
+def test_the_first_plan_of_all_begins_no_solver_that_it_may_not_end_in_time(deadline: float) -> None:
+    planner, setup, _ = slow("mpc")
+    problem = dataclasses.replace(contract.ordinary(setup), deadline_s=deadline)
+    plan = planner.plan(problem)
+    contract.check(plan, problem, setup)
+    assert plan.trajectory is not None
+    assert "the solver had no time" in plan.reason
+    for _ in range(6):  # by and by it is known: no time at all
+        planner.plan(dataclasses.replace(problem, deadline_s=math.inf))
+    assert "the solver had no time" not in planner.plan(problem).reason
+
+
+def test_a_robot_that_shares_no_tasks_knows_of_them_by_half_of_its_time_and_goes_there_in_the_other() -> None:
+    planner, setup, clock = slow("cbba")
+    problem = dataclasses.replace(contract.ordinary(setup), others=())
+    planner.plan(problem)
+    for deadline in (0.006, 0.01, 0.02):
+        clock.now = 0.0
+        plan = planner.plan(dataclasses.replace(problem, deadline_s=deadline))
+        assert plan.task
+        assert clock.now <= deadline + 2e-3
