@@ -8,6 +8,8 @@ from agents.devices import LiveVehicle, VehicleHealth
 from agents.machine import Event, Heard
 from agents.process.shell import Shell
 from agents.team import Team
+from agents.wire.messages import ResumeMessage
+from agents.wire.topics import RESUME
 
 TEND_S = 0.1
 LEAVE_S = 1.2  # wall time that a launcher gives us before it makes an end (agents.swarm.supervisor)
@@ -20,6 +22,7 @@ class Piloting:
         self.vehicle: LiveVehicle | None = team.connect(robot, team.mission.seed)
         self._shell: Shell | None = None
         self._heard = time.monotonic()
+        self._resumed: set[str] = set()  # messages
 
     def __repr__(self) -> str:
         return f"Piloting({self.vehicle!r})"
@@ -50,12 +53,27 @@ class Piloting:
         self._shell = shell
         self._heard = time.monotonic()
         self.vehicle.join(shell.clock)
+        shell.transport.subscribe(RESUME)
         shell.every(TEND_S, self._tend)
 
     def hear(self, events: Sequence[Event]) -> None:
         """Whoever says anything shows that the team is there."""
-        if any(isinstance(event, Heard) for event in events):
+        heard = [event.message for event in events if isinstance(event, Heard)]
+        if heard:
             self._heard = time.monotonic()
+        for message in heard:
+            if isinstance(message, ResumeMessage):
+                self._resume(message)
+
+    def _resume(self, message: ResumeMessage) -> None:
+        shell, vehicle = self._shell, self.vehicle
+        if shell is None or vehicle is None or message.robot != shell.name:
+            return
+        about = f"{message.sender}/{message.boot}/{message.sequence}"
+        if about not in self._resumed:  # it is said again until we have answered
+            self._resumed.add(about)
+            vehicle.resume()
+        shell.announce(f"flies its vehicle again, as {message.sender} says", about=about)
 
     def health(self) -> VehicleHealth | None:
         """How the vehicle is."""

@@ -141,12 +141,11 @@ class Shell:
         """Send a message to the team."""
         self.transport.publish(topic, codec.encode(message))
 
-    def announce(self, text: str, level: str = "info") -> None:
-        """Tell people, here and in the viewer."""
+    def announce(self, text: str, level: str = "info", about: str = "") -> None:
+        """Tell people, here and in the viewer; `about` names the message that this answers."""
         self.log(text)
-        self.publish(
-            EVENT, EventMessage(**self.stamp.header(EVENT, self.clock.now()), level=level, text=text)
-        )
+        header = self.stamp.header(EVENT, self.clock.now())
+        self.publish(EVENT, EventMessage(**header, level=level, text=text, about=about))
 
     async def sleep_until(self, team_time: float) -> None:
         """Until then, or until something arrives."""

@@ -220,6 +220,12 @@ class HealthMessage(Message, frozen=True, kw_only=True):
     vehicle: Annotated[str, Meta(max_length=200)] = ""  # a real one in words: mode, battery, fix, link
 
 
+class ResumeMessage(Message, frozen=True, kw_only=True):
+    """From an operator: a robot may fly its real vehicle again, that somebody took over or that came down."""
+
+    robot: Name
+
+
 class EventMessage(Message, frozen=True, kw_only=True):
     """Something a person may want to read."""
 

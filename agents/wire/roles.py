@@ -28,6 +28,7 @@ ROLES: dict[str, Role] = {
             "plan",
             "bid",
             "request",
+            "resume",
             "posterior",
             "picture",
             "state",
@@ -39,7 +40,7 @@ ROLES: dict[str, Role] = {
         ("set", "soft_observation", "ledger", "relay", "clock", "start"),
     ),
     "operator": Role(
-        ("soft_observation", "request", "clock"),
+        ("soft_observation", "request", "resume", "clock"),
         ("start", "posterior", "event", "bid"),
     ),
     "watch": Role(("clock", "health", "event"), EVERYTHING),

@@ -66,6 +66,7 @@ PICTURE = Topic(
 )
 BID = Topic("bid", m.BidMessage, False, 0, 2.0, 1024, Drop.LATEST_ONLY, 200_000, 5.0, "robot counts as gone")
 REQUEST = Topic("request", m.RequestMessage, True, 16, 0.0, 256, Drop.OLDEST, 4_000, 0.0, "never")
+RESUME = Topic("resume", m.ResumeMessage, False, 0, 0.0, 16, Drop.OLDEST, 1_000, 0.0, "never")
 STATE = Topic("state", m.StateMessage, True, 1, 0.1, 2, Drop.LATEST_ONLY, 16_000_000, 0.0, "never")
 BELIEF = Topic("belief", m.BeliefMessage, False, 0, 1.0, 256, Drop.LATEST_ONLY, 2_000_000, 10.0, "not shown")
 LEDGER = Topic("ledger", m.LedgerMessage, False, 0, 1.0, 64, Drop.OLDEST, 2_000_000, 0.0, "never")
@@ -85,6 +86,7 @@ TOPICS: dict[str, Topic] = {
         PLAN,
         BID,
         REQUEST,
+        RESUME,
         POSTERIOR,
         PICTURE,
         STATE,
