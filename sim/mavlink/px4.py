@@ -41,6 +41,7 @@ MODES = {  # main mode, sub mode
 }  # fmt: skip
 NOT_ARMABLE = {"RTL", "LAND"}
 GAP = 0.5  # s: a longer pause begins a new stream of setpoints
+STATION = 2.5  # s since a ground station's last heartbeat in which it counts as connected
 
 
 class Px4(Autopilot):
@@ -56,6 +57,7 @@ class Px4(Autopilot):
     def __init__(self, settings: Settings) -> None:
         self._stream: tuple[float, float] | None = None  # when it began, when the last setpoint came
         self._flown = False
+        self._station = -math.inf
         super().__init__(
             settings,
             Parameters(
@@ -260,6 +262,12 @@ class Px4(Autopilot):
         """Any ground station counts."""
         if message.type == 6:
             self.failsafes.heard_station()
+            self._station = self.now
+
+    def say(self, severity: int, text: str) -> None:
+        """Only to a ground station: a companion computer alone on a link gets no texts."""
+        if self.now - self._station <= STATION:
+            super().say(severity, text)
 
     # --- every tick ---
 

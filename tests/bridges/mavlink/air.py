@@ -16,6 +16,7 @@ from sim.mavlink.settings import Fault, Settings
 from sim.mavlink.vehicle import MavlinkVehicle
 
 STEP = 0.02
+STATION = mavlink.MAVLink_heartbeat_message(mavlink.MAV_TYPE_GCS, 8, 0, 0, 4, 3)
 
 
 class Air:
@@ -29,6 +30,8 @@ class Air:
         self.wanted = Wanted()
         self.robot_age = 0.0
         self.cut = False
+        self.station = Wire((255, 190)) if settings.autopilot == "px4" else None  # it hears a PX4's texts
+        self._beat = 0.0
         self.sent: list[tuple[float, Message]] = []
         self.events: list[Event] = []
 
@@ -49,7 +52,11 @@ class Air:
     def step(self) -> None:
         self.now += STEP
         back = getattr(self, "_back", b"")
-        frames = self.vehicle.step(self.now, [("pilot", back)] if back and not self.cut else [])
+        heard: list[tuple[str, bytes]] = [("pilot", back)] if back and not self.cut else []
+        if self.station is not None and self.now - self._beat >= 1.0:
+            self._beat = self.now
+            heard.append(("station", self.station.pack(STATION)))
+        frames = self.vehicle.step(self.now, heard)
         data = b"" if self.cut else b"".join(frames)
         received = list(self.wire.parse(data, "vehicle"))
         self.wire.source = self.pilot.us

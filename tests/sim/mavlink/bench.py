@@ -14,7 +14,9 @@ GUIDED, AUTO, RTL, LAND_MODE, STABILIZE = 4, 3, 6, 9, 0
 class Bench:
     """`say` something, `run` for a while, look at what was `heard`."""
 
-    def __init__(self, settings: Settings, system: int = 255, component: int = 190) -> None:
+    def __init__(
+        self, settings: Settings, system: int = 255, component: int = 190, station: bool | None = None
+    ) -> None:
         self.vehicle = MavlinkVehicle(settings)
         self.client = self.parser(system, component, settings.signing_key)
         self.now = 100.0  # any clock will do
@@ -22,6 +24,9 @@ class Bench:
         self.system_id = settings.system_id
         self._parser = self.parser(0, 0, settings.signing_key)
         self._outbox = b""
+        # A PX4 gives its texts to ground stations only; an ArduPilot does not care.
+        self.station = settings.autopilot == "px4" if station is None else station
+        self._beat = 0.0
         self.run(DT)
 
     @staticmethod
@@ -50,6 +55,9 @@ class Bench:
         heard: list[Any] = []
         for _ in range(round(seconds / DT)):
             self.now += DT
+            if self.station and self.now - self._beat >= 1.0:
+                self._beat = self.now
+                self.say(self.heartbeat())
             if every is not None:
                 self.say(every)
             data, self._outbox = self._outbox, b""

@@ -92,6 +92,15 @@ def test_take_off_altitude_is_amsl_and_its_default_a_parameter() -> None:
     assert -other.pilot.body.position[2] == pytest.approx(2.5, abs=0.1)
 
 
+def test_texts_go_to_a_ground_station_only_not_to_a_companion_alone() -> None:
+    bench = Bench(PX4.but(ready_after=60.0), station=False)
+    assert bench.command(400, 1) == 1
+    assert bench.texts() == ""
+    bench.say(bench.heartbeat())
+    assert bench.command(400, 1) == 1
+    assert "Arming denied" in bench.texts()
+
+
 def test_arming_without_a_position_is_refused_with_the_reason() -> None:
     bench = Bench(PX4.but(ready_after=60.0))
     assert bench.command(400, 1) == 1
@@ -110,7 +119,7 @@ def test_reposition_goes_to_degrees_and_metres_amsl() -> None:
 
 
 def test_the_data_link_failsafe_counts_any_ground_station() -> None:
-    bench = Bench(PX4.but(parameters={"NAV_DLL_ACT": 2.0}), system=42)
+    bench = Bench(PX4.but(parameters={"NAV_DLL_ACT": 2.0}), system=42, station=False)
     bench.fly(every=bench.heartbeat())
     bench.run(9.5)
     assert bench.pilot.mode == "HOLD"
