@@ -132,6 +132,7 @@ def lateness(
     """Plans of one planner with every deadline, after one without."""
     setup, problems = scene(place, robots)
     rehearsed()
+    setup.sensors["r0"].detection(problems[0].clusters, setup.vehicles["r0"].pose(problems[0].state)[None])
     found = plugin("planners", kind)
     planner = found(found.Config(), setup)
     for one in (planner, getattr(planner, "single", planner)):

@@ -240,7 +240,7 @@ class Mpc:
             if not self._around.fits(deadline):
                 return None, "there was no time to find a way around obstacles"
             with self._around.measured(deadline):
-                around = way_to(problem, self.setup, problem.state, start, goal)
+                around = way_to(problem, self.setup, problem.state, start, goal, deadline.over)
             if around is None or not is_clear(problem, self.setup, around):
                 return None, "every way towards the target would touch an obstacle"
             way = around

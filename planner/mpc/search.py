@@ -42,7 +42,7 @@ def searching(
             why = "there was no time to find a way"
             break
         with reserve.measured(deadline):
-            way = way_to(problem, setup, problem.state, problem.start_time, goal)
+            way = way_to(problem, setup, problem.state, problem.start_time, goal, deadline.over)
         if way is None or not is_clear(problem, setup, way):
             why = "there is no way to what is unexplored"
             continue
