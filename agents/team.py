@@ -9,7 +9,16 @@ from typing import Any
 import msgspec
 
 from agents import plugins
-from agents.devices import DeviceContext, LiveVehicle, LiveVehicleKind, Sensor, Vehicle, World
+from agents.devices import (
+    DeviceContext,
+    LiveSensor,
+    LiveSensorKind,
+    LiveVehicle,
+    LiveVehicleKind,
+    Sensor,
+    Vehicle,
+    World,
+)
 from agents.errors import MissionError
 from agents.mission.ground import team_ground
 from agents.mission.mission import Mission, RobotTable, start_pose
@@ -43,6 +52,7 @@ class Team:
     _vehicles: Mapping[str, Callable[[DeviceContext], Vehicle]]
     _live: Mapping[str, Callable[[DeviceContext], LiveVehicle]]  # of robots that are real
     _sensors: Mapping[str, Callable[[DeviceContext], Sensor]]
+    _heard: Mapping[str, Callable[[DeviceContext], LiveSensor]]  # real sensors
 
     @classmethod
     def of(cls, mission: Mission) -> "Team":
@@ -56,7 +66,7 @@ class Team:
         area, sight = made.area, made.sight
         vehicle_models, periods = {}, {}
         sensor_models: dict[str, SensorModel] = {}
-        vehicles, live, sensors = {}, {}, {}
+        vehicles, live, sensors, heard = {}, {}, {}, {}
         for i, robot in enumerate(mission.robots):
             with _naming(f"robots[{i}].vehicle"):
                 kind, config = _plugin("vehicles", robot.vehicle, mission)
@@ -71,6 +81,8 @@ class Team:
                 model = kind.model(config, area)
                 sensor_models[robot.id] = model if sight is None else LineOfSight(model, sight)
                 sensors[robot.id] = partial(kind.device, config)
+                if isinstance(kind, LiveSensorKind):
+                    heard[robot.id] = partial(kind.listen, config)
                 periods[robot.id] = float(config.period_s)
         with _naming("filter"):
             kind, config = _plugin("filters", mission.filter, mission)
@@ -93,6 +105,7 @@ class Team:
             vehicles,
             live,
             sensors,
+            heard,
         )
 
     def alone(self, seed: int, fingerprint: str = "") -> AloneSetup | None:
@@ -161,6 +174,17 @@ class Team:
     ) -> Sensor:
         """One robot's sensor, as `vehicle`."""
         return self._sensors[robot_id](self._context(robot_id, seed, world, now, speed))
+
+    def listen(
+        self, robot_id: str, seed: int, world: World, *, now: float, speed: float
+    ) -> LiveSensor | None:
+        """One robot's real sensor, if that is what its table names.
+
+        Raises:
+            MissionError, LinkError, DataError: if it cannot be had.
+        """
+        made = self._heard.get(robot_id)
+        return None if made is None else made(self._context(robot_id, seed, world, now, speed))
 
     def _context(self, robot_id: str, seed: int, world: World, now: float, speed: float) -> DeviceContext:
         robot: RobotTable = self.mission.robot(robot_id)

@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 
+from agents.devices import LiveSensor
 from agents.errors import LinkError, MissionError, StorageError
 from agents.health.health import health_message
 from agents.health.histogram import Histogram
@@ -147,7 +148,8 @@ class RobotProcess:
         world = team.world(seed)
         piloting.begin(shell)
         vehicle = piloting.vehicle or team.vehicle(robot_id, seed, world, now=now, speed=shell.clock.speed)
-        sensor = team.sensor(robot_id, seed, world, now=now, speed=shell.clock.speed)
+        live = team.listen(robot_id, seed, world, now=now, speed=shell.clock.speed)
+        sensor = live or team.sensor(robot_id, seed, world, now=now, speed=shell.clock.speed)
         if vehicle.follows_plans:  # who does not plan need not know what the others do
             for topic in (POSE, PICTURE):
                 shell.transport.subscribe(topic, urgent=False)
@@ -168,7 +170,7 @@ class RobotProcess:
             area=team.area,
             periods=team.measure_periods,
             follows_plans=vehicle.follows_plans,
-            first_capture=sensor.next_capture(now - 1e-9),
+            first_capture=None if isinstance(sensor, LiveSensor) else sensor.next_capture(now - 1e-9),
             plan_lead_s=0.25 * max(1.0, shell.clock.speed),
             stagger_s=0.1 if len(team.mission.robots) <= FEW else CROWD_STAGGER_S,
             speed=shell.clock.speed,
@@ -281,6 +283,10 @@ class RobotProcess:
 
     def _publish_health(self) -> None:
         shell, robot, body = self._shell, self._robot, self._piloting.health()
+        sensor = self._body.sensor
+        if isinstance(sensor, LiveSensor):
+            for level, text in sensor.news():
+                shell.announce(text, level)
         message = health_message(
             shell.stamp,
             shell.clock.now(),
@@ -297,6 +303,7 @@ class RobotProcess:
                 "untimed_measurements": robot.measuring.untimed,
                 **(robot.allocation.counters() if robot.allocation else {}),
                 **(body.counters if body else {}),
+                **(sensor.counters() if isinstance(sensor, LiveSensor) else {}),
             },
             shell.gauges()
             | (robot.allocation.gauges() if robot.allocation else {})

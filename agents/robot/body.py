@@ -3,10 +3,11 @@
 from collections.abc import Callable, Sequence
 
 from agents.clock import Clock
-from agents.devices import Sensor, Vehicle
+from agents.devices import LiveSensor, Sensor, Vehicle
 from agents.health.histogram import Histogram
 from agents.machine import Action, Delayed, Event, Follow, Heard, Measure, Measured
 from agents.mission.mission import start_pose
+from agents.robot.pose_history import PoseHistory
 from agents.robot.robot import Robot
 from agents.robot.separation import Separation
 from agents.wire.messages import PoseMessage
@@ -20,7 +21,7 @@ class RobotBody:
         self,
         robot: Robot,
         vehicle: Vehicle,
-        sensor: Sensor,
+        sensor: Sensor | LiveSensor,
         clock: Clock,
         perform: Callable[[Action], None],
     ) -> None:
@@ -28,6 +29,7 @@ class RobotBody:
         self.vehicle = vehicle
         self.sensor = sensor
         self.lateness_ms = Histogram()
+        self._poses = PoseHistory()
         self._clock = clock
         self._perform = perform
         setup = robot.setup
@@ -69,26 +71,32 @@ class RobotBody:
             now = self._clock.now()
             measured: list[Event] = []
             body = self.vehicle.state(now)
+            self._poses.add(body.time, body.pose)
             for action in self.robot.step(now, body, events):
                 if isinstance(action, Follow):
                     self.vehicle.follow(action.trajectory, now)
                     self.separation.follow(action.trajectory, body.pose[:3])
                 elif isinstance(action, Measure):
-                    measured.append(self._measure(action))
+                    measured += self._measure(action)
                 else:
                     self._perform(action)
             if not measured:
                 return
             events = measured
 
-    def _measure(self, action: Measure) -> Measured:
-        now = self._clock.now()
+    def _measure(self, action: Measure) -> list[Measured]:
+        now, sensor = self._clock.now(), self.sensor
         self.lateness_ms.add((now - action.deadline) / self._clock.speed * 1e3)
+        if isinstance(
+            sensor, LiveSensor
+        ):  # what came since it was last asked; that nothing came says nothing
+            seen = sensor.arrived(now, self._poses.at)
+            return [Measured(each.time, each.pose, each.measurements, None) for each in seen]
         # A device with its own times measured at the deadline; any other measures now.
-        own = self.sensor.next_capture(action.deadline)
+        own = sensor.next_capture(action.deadline)
         capture = now if own is None else action.deadline
         pose = self.vehicle.state(capture).pose
-        return Measured(capture, pose, self.sensor.measure(capture, pose), own)
+        return [Measured(capture, pose, sensor.measure(capture, pose), own)]
 
     def close(self) -> None:
         """Let go of the devices."""
