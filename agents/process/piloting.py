@@ -38,8 +38,13 @@ class Piloting:
         with ExitStack() as stack:
             stack.callback(vehicle.close)
             until = time.monotonic() + LEAVE_S
-            while not vehicle.leave() and time.monotonic() < until:
+            left = vehicle.leave()
+            while not left and time.monotonic() < until:
                 time.sleep(0.02)
+                left = vehicle.leave()
+            if self._shell is not None:
+                doubt = "" if left else " (told to, but it does not show yet)"
+                self._shell.log(f"leaves its vehicle: {vehicle.health().words}{doubt}")
 
     def prepare(self) -> None:
         """See that the vehicle may fly; see LiveVehicle.prepare."""

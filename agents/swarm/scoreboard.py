@@ -215,8 +215,21 @@ class Scoreboard:
                 for (sender, _), message in sorted(self._health.items())
                 if "memory_mb" in message.gauges
             },
+            "vehicles": self._vehicles(),
             "found": found.T.tolist(),
             "curve": self._thinned_curve(),
+        }
+
+    def _vehicles(self) -> dict[str, Any]:
+        """How near real vehicles came to their waypoints, and how they were at the last."""
+        return {
+            sender: {
+                "waypoints": message.counters.get("mavlink.waypoints", 0),
+                "waypoint_worst_m": message.gauges.get("mavlink.waypoint_worst_m"),
+                "words": message.vehicle,
+            }
+            for (sender, _), message in sorted(self._health.items())
+            if message.vehicle
         }
 
     def _thinned_curve(self) -> Mapping[str, list[float]]:

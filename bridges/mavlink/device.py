@@ -22,6 +22,7 @@ from bridges.mavlink.kind import MavlinkConfig
 from bridges.mavlink.pilot_report import PilotReport
 from bridges.mavlink.placing import place
 from bridges.mavlink.signing import read_keys
+from bridges.mavlink.speed_errand import SpeedErrand
 from bridges.mavlink.steering import Steering
 from bridges.mavlink.wanted import GoTo, Land, Rest, Return, Task, Wanted
 from bridges.mavlink.words import summary
@@ -31,6 +32,7 @@ from planner.plan import Trajectory, VehicleModel
 FOUND_S = 12.0  # within which something must be heard at the URL
 BELIEVED_S = 0.5  # for which it is believed to go on as it did
 LOOK_S = 0.05
+CATCH_UP = 1.2
 DOING = {  # phases in which it does not go where the robot wants
     "connecting": "looking for it",
     "introducing": "getting ready",
@@ -75,6 +77,8 @@ class MavlinkVehicle(LiveVehicle):
         self._captured: float | None = None
         self._travelled = 0.0
         self._ending = False
+        self._paced = False  # it was told how fast it may go
+        self._team_age = 0.0
 
     def __repr__(self) -> str:
         return f"MavlinkVehicle({self._name}, {self._report.phase!r}, {self._report.trouble!r})"
@@ -169,9 +173,17 @@ class MavlinkVehicle(LiveVehicle):
         self.steering.look(report.phase, self._position)
         if report.phase in GIVEN_UP:
             self.steering.begin()
+            self._paced = False
+        elif report.phase == "flying" and not self._paced:
+            self._pace(report)
         self._bridge.want(Wanted(self._task(now), self._team_age))
 
-    _team_age = 0.0
+    def _pace(self, report: PilotReport) -> None:
+        """A mode change lets an ArduPilot forget it; a copter that is late may catch up."""
+        self._paced = True
+        if report.autopilot == "ArduPilot" and report.system is not None:
+            share = CATCH_UP if self._config.body == "copter" else 1.0
+            self._bridge.run(SpeedErrand(report.system, share * self._config.speed_m_s))
 
     def _task(self, now: float) -> Task:
         local = self._local

@@ -7,7 +7,7 @@ from bridges.mavlink.kind import MavlinkConfig
 from estimator.arrays import FloatArray
 from planner.plan import Trajectory, VehicleModel
 
-AHEAD_S = 1.0  # a place so far ahead on the trajectory: position controllers lag about a second behind
+AHEAD_S = 1.2  # a place so far ahead on the trajectory: position controllers lag about a second behind
 UP_M = 0.7  # so near to its start's altitude it is up
 
 

@@ -12,11 +12,7 @@ def summary(report: PilotReport) -> str:
         return (report.trouble or report.phase)[:200]
     flags = report.estimator_flags
     good = flags is not None and flags & ABSOLUTE and not flags & CONSTANT
-    parts = [
-        f"{report.autopilot} {report.version} {report.body}".replace("  ", " "),
-        report.mode,
-        "in air" if report.in_air else "armed" if report.armed else "disarmed",
-    ]
+    parts = [report.mode, "in air" if report.in_air else "armed" if report.armed else "disarmed"]
     if report.battery is not None:
         parts.append(f"battery {report.battery:.0%}")
     if report.gps_fix is not None:
@@ -25,4 +21,6 @@ def summary(report: PilotReport) -> str:
     parts.append(f"link {report.link_quality:.0%}")
     if not report.ours:
         parts.append(report.phase)
+    who = " ".join(filter(None, (report.autopilot, report.version, report.body)))
+    parts[-1] += f" ({who})"
     return (", ".join(parts) + (f": {report.trouble}" if report.trouble else ""))[:200]
