@@ -100,7 +100,7 @@ class CameraDetections(LiveSensor):
     def arrived(self, now: float, poses: Poses) -> list[Seen]:
         mono = time.monotonic()
         pictures: dict[float, list[Sighting]] = {}
-        while self._heard:
+        while self._heard and self._heard[0][0] < mono - NEARBY_S:  # the rest of a picture may still come
             came, message = self._heard.popleft()
             if message.get_type() == "HEARTBEAT":
                 self._heartbeat = came
