@@ -15,6 +15,7 @@ from sim.mavlink.body import Body, Copter, Rover, Vector
 from sim.mavlink.commands import Command, Desk
 from sim.mavlink.geodesy import Projection
 from sim.mavlink.guidance import Guidance
+from sim.mavlink.inbox import receive
 from sim.mavlink.mission_run import MissionRun
 from sim.mavlink.parameters import Parameters
 from sim.mavlink.plans import Item, Plans
@@ -82,7 +83,7 @@ class Autopilot(ABC):
             self.now = self._ticked
             self._tick()
         for message in messages:
-            self._receive(message)
+            receive(self, message)
         said, self._out = self._out, []
         return said
 
@@ -154,6 +155,9 @@ class Autopilot(ABC):
     def send(self, message: Message | None) -> None:
         if message is not None:
             self._out.append(message)
+
+    def send_all(self, messages: Iterable[Message]) -> None:
+        self._out.extend(messages)
 
     def reached_item(self, index: int) -> None:
         self._out.append(mavlink.MAVLink_mission_item_reached_message(index))
@@ -263,87 +267,8 @@ class Autopilot(ABC):
         elif kind == "reboot":
             self.boot()
 
-    def _receive(self, message: Message) -> None:
-        if getattr(message, "target_system", 0) not in (0, self.settings.system_id):
-            return
-        if getattr(message, "target_component", 0) not in (0, 1):
-            return
-        kind = message.get_type()
-        if kind == "HEARTBEAT":
-            self.heard_heartbeat(message)
-        elif kind in ("COMMAND_LONG", "COMMAND_INT", "SET_MODE"):
-            self.desk.receive(message)
-        elif kind in (
-            "SET_POSITION_TARGET_LOCAL_NED",
-            "SET_POSITION_TARGET_GLOBAL_INT",
-            "SET_ATTITUDE_TARGET",
-        ):
-            self.setpoint(message)
-        elif kind.startswith("PARAM_"):
-            self._out.extend(self.parameters.receive(message))
-        elif kind.startswith("MISSION_"):
-            self._mission_message(message)
-        elif kind == "TIMESYNC" and message.tc1 == 0:
-            self._out.append(mavlink.MAVLink_timesync_message(self.boot_ms() * 1_000_000, message.ts1))
-        elif kind == "PING" and message.target_system == 0:
-            back = (message.get_srcSystem(), message.get_srcComponent())
-            self._out.append(mavlink.MAVLink_ping_message(message.time_usec, message.seq, *back))
-        elif kind == "FILE_TRANSFER_PROTOCOL":
-            self._refuse_files(message)
-        elif kind == "REQUEST_DATA_STREAM":
-            self._data_stream(message)
-
-    def _refuse_files(self, message: Message) -> None:
-        """There are no files: a NAK (128 + 1) for an unknown command (7), so that nobody waits."""
-        asked = list(message.payload)
-        sequence = asked[0] | asked[1] << 8
-        answer = [
-            sequence + 1 & 255,
-            sequence + 1 >> 8 & 255,
-            asked[2],
-            129,
-            1,
-            asked[3],
-            0,
-            0,
-            0,
-            0,
-            0,
-            0,
-            7,
-        ]
-        back = (message.get_srcSystem(), message.get_srcComponent())
-        padded = answer + [0] * (251 - len(answer))
-        self._out.append(mavlink.MAVLink_file_transfer_protocol_message(0, *back, padded))
-
-    def _mission_message(self, message: Message) -> None:
-        if message.get_type() == "MISSION_SET_CURRENT":
-            self.mission.start(max(message.seq - self.home_is_item_0, 0))
-            if self.mode not in ("AUTO", "MISSION"):
-                self.mission.stop()
-            self.send(telemetry.mission_current(self))
-            return
-        latitude, longitude, altitude = self.home or self.origin
-        self.plans.home = Item(0, 16, (0.0, 0.0, 0.0, 0.0), latitude, longitude, altitude)
-        self._out.extend(self.plans.receive(message, self.now))
-        if self.plans.changed:
-            self.plans_changed(self.plans.changed)
-            self.plans.changed = set()
-
     def plans_changed(self, kinds: set[int]) -> None:
         """A mission (0), a fence (1) or rally points (2) are new."""
         if 0 in kinds:
             self.mission.stop()
             self.mission.index = 0
-
-    def _data_stream(self, message: Message) -> None:
-        """The old way of asking, that ground stations still use with ArduPilot."""
-        if self.wire_autopilot != 3:
-            return
-        groups = telemetry.DATA_STREAMS
-        ids = groups.get(message.req_stream_id, ())
-        if message.req_stream_id == 0:
-            ids = tuple({key for group in groups.values() for key in group})
-        rate = message.req_message_rate if message.start_stop else 0
-        for key in ids:
-            self.streams.set(key, 1.0 / rate if rate else 0.0, self.now)
