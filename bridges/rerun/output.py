@@ -24,6 +24,7 @@ from agents.errors import LinkError, StorageError
 Mode = Literal["none", "spawn", "web"]
 
 _MEMORY = "25%"
+_RECORD_S = 10.0  # of a recording that nobody watches are written at once, and lost if the process is killed
 
 
 def has_display() -> bool:
@@ -48,7 +49,7 @@ class RerunOutput:
             )
         self.url: str | None = None
         self._viewer: subprocess.Popen[bytes] | None = None
-        self.stream = rr.RecordingStream("searchparty")
+        self.stream = rr.RecordingStream("searchparty", batcher_config=_batches(live=mode != "none"))
         self.stream.set_log_time_enabled(False)
         self.stream.set_log_tick_enabled(False)
         sinks: list[rr.FileSink | rr.GrpcSink] = []
@@ -113,6 +114,11 @@ class RerunOutput:
         except OSError as error:
             raise LinkError(f"the Rerun viewer does not start ({error}); use --view none") from None
         return rr.GrpcSink(f"rerun+http://127.0.0.1:{port}/proxy")
+
+
+def _batches(*, live: bool) -> rr.ChunkBatcherConfig:
+    """How much is written at a time. A file of thousands of tiny chunks is larger, and slow to open."""
+    return rr.ChunkBatcherConfig.DEFAULT() if live else rr.ChunkBatcherConfig(flush_tick=_RECORD_S)
 
 
 def _file(path: Path) -> rr.FileSink:

@@ -225,7 +225,8 @@ async def _main(
 ) -> None:
     from rich.console import Console
 
-    from agents.process.shell import Shell, stand_back
+    from agents.process.priority import stand_back
+    from agents.process.shell import Shell
     from agents.team import Team
     from bridges.rerun.output import Mode, has_display
     from bridges.rerun.view import RerunView
