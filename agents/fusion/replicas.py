@@ -27,6 +27,7 @@ from agents.wire.messages import (
     RelayMessage,
     Watermark,
 )
+from agents.wire.presence import Presence
 from agents.wire.topics import LEDGER, RELAY, SET, SOFT_OBSERVATION
 from agents.wire.transport import PeerChange
 
@@ -52,28 +53,28 @@ class Replicas:
 
     def __init__(self, name: str, names: Sequence[str]) -> None:
         self._name = name
-        self._alive: set[str] = set()  # other fusions
+        self._fusions = Presence("fusion")
         self._several = len(names) > 1
         self._page = 0
 
     def __repr__(self) -> str:
-        return f"Replicas({self._name}, others={sorted(self._alive)})"
+        return f"Replicas({self._name}, others={self._fusions!r})"
 
     @property
     def any(self) -> bool:
         """Whether there is anybody to tell."""
-        return self._several or bool(self._alive)
+        return self._several or bool(self._fusions.names())
 
     @property
     def leads(self) -> bool:
         """Whether it is this one that tells people what all of them know."""
         mine = (len(self._name), self._name)
-        return all(mine < (len(other), other) for other in self._alive)
+        return all(mine < (len(other), other) for other in self._fusions.names())
 
     def notice(self, change: PeerChange) -> None:
         """A fusion came or went."""
-        if change.peer.role == "fusion" and change.peer.id != self._name:
-            (self._alive.add if change.alive else self._alive.discard)(change.peer.id)
+        if change.peer.id != self._name:
+            self._fusions.take(change)
 
     def told(self, stamp: Stamp, now: float, estimate: Estimate) -> LedgerMessage:
         """The next part of what is held."""

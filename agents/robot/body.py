@@ -11,6 +11,7 @@ from agents.robot.pose_history import PoseHistory
 from agents.robot.robot import Robot
 from agents.robot.separation import Separation
 from agents.wire.messages import PoseMessage
+from agents.wire.presence import Presence
 from agents.wire.transport import PeerChange
 
 
@@ -32,6 +33,7 @@ class RobotBody:
         self._poses = PoseHistory()
         self._clock = clock
         self._perform = perform
+        self._presence = Presence("robot")
         setup = robot.setup
         self.separation = Separation(
             robot.id,
@@ -52,10 +54,11 @@ class RobotBody:
         for event in events:
             if isinstance(event, Heard) and isinstance(event.message, PoseMessage):
                 self.separation.hear(event.message, now)
-            elif isinstance(event, PeerChange) and event.peer.role == "robot":
-                if event.alive:
+            elif isinstance(event, PeerChange):
+                came = self._presence.take(event)
+                if came:
                     self.separation.expect(event.peer.id)
-                else:
+                elif came is False:
                     self.separation.gone(event.peer.id)
         if events or now >= self.robot.next_wake():
             self._decide(events)

@@ -42,6 +42,7 @@ from agents.wire.messages import (
     PosteriorMessage,
     RequestMessage,
 )
+from agents.wire.presence import Presence
 from agents.wire.topics import PLAN, POSE, SET
 from agents.wire.transport import PeerChange
 from estimator.arrays import FloatArray
@@ -76,6 +77,7 @@ class Robot:
         self.allocation: Allocation | None = None
         if setup.desk is not None and setup.follows_plans:
             self.allocation = Allocation(mission, self.id, setup.desk, setup.sensors, now, setup.patience)
+        self._presence = Presence("robot")
         self._task = ""  # that the committed plan is for
         self._first = ""  # the allocation's first task when the last plan was asked for
         self._asked_at = -np.inf
@@ -142,7 +144,7 @@ class Robot:
             elif isinstance(event, ClockTrust):
                 self.measuring.trusted = event.trusted
             elif isinstance(event, PeerChange) and event.peer.role == "robot":
-                if not event.alive:
+                if self._presence.take(event) is False:
                     self.belief.forget(event.peer.id)
                 if self.allocation is not None:
                     self.allocation.peer(now, event)

@@ -194,6 +194,18 @@ def test_a_dead_robots_plan_is_no_longer_planned_around() -> None:
     assert request(stage.step()).problem.others == ()
 
 
+def test_the_late_end_of_a_robots_old_boot_does_not_take_away_its_new_ones_plan() -> None:
+    stage = Stage(robot="r2")
+    stage.step(PeerChange(Peer("robot", "r1", "a"), True), PeerChange(Peer("robot", "r1", "b"), True))
+    stage.step(their_plan(0, 0.0, 99.0, {}))
+    stage.step(PeerChange(Peer("robot", "r1", "a"), False))
+    stage.now = 0.2
+    (theirs,) = request(stage.step()).problem.others
+    assert theirs.robot == "r1"
+    stage.step(PeerChange(Peer("robot", "r1", "b"), False))
+    assert "r1" not in stage.robot.belief.commitments
+
+
 def test_a_robot_whose_plan_is_unknown_is_planned_around_where_it_stands() -> None:
     stage = Stage()
     pose = PoseMessage(
