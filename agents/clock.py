@@ -8,6 +8,8 @@ import asyncio
 import time
 from abc import ABC, abstractmethod
 
+SAME_S = 1e-3  # starts of a team that differ by less are one
+
 
 class Correction:
     """Added to a clock that is off, so that what it shows is team time, without ever going back.
@@ -75,6 +77,11 @@ class TeamClock(Clock):
 
     def __repr__(self) -> str:
         return f"TeamClock(epoch={self.epoch:.3f}, speed={self.speed:g}, now={self.now():.3f})"
+
+    def later_than(self, epoch: float) -> float:
+        """By how many seconds this clock's start was after another one; 0 if it is that one, or earlier."""
+        after = self.epoch - epoch
+        return after if after > SAME_S else 0.0
 
     def raw(self) -> float:
         """What this machine's clock says team time is, uncorrected."""

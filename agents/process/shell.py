@@ -7,13 +7,11 @@ the agent's next wake or until something arrives.
 import asyncio
 import contextlib
 import math
-import os
 import secrets
 import signal
 import sys
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 import psutil
@@ -46,15 +44,6 @@ def new_boot() -> str:
     return secrets.token_hex(6)
 
 
-def stand_back(niceness: int) -> None:
-    """Let other processes of this computer go first."""
-    os.nice(niceness)
-    # Linux shares the cores between sessions first, and asks for the niceness of processes only within one.
-    if os.getsid(0) == os.getpid():
-        with contextlib.suppress(OSError):
-            Path("/proc/self/autogroup").write_text(str(niceness))
-
-
 class Shell:
     """One process's end of the team. Use as an async context manager."""
 
@@ -75,6 +64,7 @@ class Shell:
         self.vitals = Vitals(mission, time.monotonic())
         self.mailbox.on_refusal = lambda topic, sender: self.vitals.refused(topic, sender, time.monotonic())
         self._joined = 0.0
+        self._started_by = ""  # a fusion's name
         self._process = psutil.Process()
         transport = load("transports", mission.link.kind)
         endpoints = tuple(connect) or tuple(mission.link.endpoints) or None
@@ -171,6 +161,7 @@ class Shell:
     def adopt(self, message: StartMessage) -> None:
         """Take over the team's time, and ask from now on how far this machine's clock is off."""
         self.clock = TeamClock(message.epoch, message.speed)
+        self._started_by = message.sender
         asking = self.sync is not None
         self.sync = ClockSync(self.name, self.boot, self.mission.clock, message.speed)
         if not asking:
@@ -198,6 +189,11 @@ class Shell:
         sync, raw = self.sync, self.clock.raw()
         if sync is None:
             return []
+        if message.sender != self._started_by and self.clock.later_than(message.epoch):
+            self.sync = None  # nobody is to be asked any more
+            said = f"{self.name} follows {self._started_by}'s start of the team, which is later than that of"
+            self.announce(f"{said} {message.sender}: start it again", "error")
+            return [ClockTrust(False)]
         before, correction = sync.state, sync.correction
         if not sync.hear(message, raw):
             return []

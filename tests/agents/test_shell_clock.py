@@ -14,7 +14,7 @@ from agents.mission.mission import Mission
 from agents.mission.mission_file import mission_hash
 from agents.process.clock_sync import ClockAnswers
 from agents.process.shell import Shell
-from agents.wire.messages import ClockMessage, StartMessage
+from agents.wire.messages import ClockMessage, Message, StartMessage
 from agents.wire.topics import CLOCK, START
 from bridges.zenoh.local_router import Router
 from tests.agents.fakes import mission
@@ -27,12 +27,15 @@ class Elsewhere:
         self.shell = shell
         self.ahead = ahead
         shell.clock = TeamClock(time.time() - 5.0)
+        self.heard: list[Message] = []
         self._answers = ClockAnswers()
 
     async def run(self) -> None:
         self.shell.transport.subscribe(CLOCK)
         while not self.shell.stopping:
             for event in self.shell.events():
+                if isinstance(event, Heard):
+                    self.heard.append(event.message)
                 if isinstance(event, Heard) and isinstance(event.message, ClockMessage):
                     self._answers.hear(event.message, self.shell.clock.now())
             self.tell()
