@@ -44,6 +44,7 @@ class Suspects:
 
     looks: deque[tuple[float, FloatArray]] = field(default_factory=lambda: deque(maxlen=LOOKS))  # time, pose
     chosen: int = -1
+    doubted_at: float = math.inf  # since when the estimate is taken to be wrong
 
     def missed(
         self, sensor: SensorModel, places: FloatArray, velocity: FloatArray, time: float, altitude: float
@@ -69,10 +70,14 @@ class Suspects:
         altitude: float,
         width: float,
     ) -> FloatArray:
-        """The covariance (2, 2), widened if the target should have been seen at the mean (2,) by now."""
-        if self.missed(sensor, mean[:, None], velocity, time, altitude)[0] >= WRONG:
+        """The covariance (2, 2), widened if the target should have been seen by now, wherever in it.
+
+        That the mean (2,) alone was looked at in vain says little against a wide estimate.
+        """
+        if self.missed(sensor, places_of(mean, covariance), velocity, time, altitude).mean() >= WRONG:
             return covariance
-        lost = max(0.0, time - self.looks[0][0])
+        self.doubted_at = min(self.doubted_at, time)
+        lost = time - self.doubted_at
         return np.asarray(covariance + (width**2 + (STRAY_M_S * lost) ** 2) * np.eye(2))
 
     def aim(

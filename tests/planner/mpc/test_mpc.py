@@ -16,7 +16,6 @@ from planner.mpc.mpc import Mpc
 from planner.mpc.nlp import Program
 from planner.mpc.part import begun
 from planner.mpc.pursuit import Pursuit
-from planner.mpc.suspects import Suspects, careful_speed, places_of
 from planner.mpc.way import steered, timed
 from planner.vehicles.unicycle import Unicycle
 from tests.planner import contract
@@ -203,36 +202,6 @@ def test_waypoints_bring_the_vehicles_own_model_to_where_the_plan_has_it(seed):
         assert np.linalg.norm(driven[:2] - wanted[:2]) < 0.7
         assert abs(math.remainder(driven[3] - wanted[2], 2 * math.pi)) < 0.25
     np.testing.assert_array_equal(way.end_state, driven)
-
-
-def test_what_was_looked_at_in_vain_is_suspected_less_and_moves_with_the_target():
-    view = FieldOfView(2, "sector", 1.0, np.array([0.0, 5.0, math.radians(60)]))
-
-    class Sensor:
-        dimension = 2
-        detection = staticmethod(view.detection)
-
-    places = places_of(np.array([20.0, 20.0]), 16.0 * np.eye(2))
-    assert np.cov(places)[0, 0] == pytest.approx(16.0, rel=0.2)  # cut off at 2.5 sigmas
-    suspects = Suspects()
-    pose = np.array([18.0, 20.0, 0.0, 0.0])
-    suspects.looks.append((10.0, pose))
-    velocity = np.array([0.5, 0.0])
-    seen = view.detection(np.ascontiguousarray(places), pose[None])[0] > 0.5
-    np.testing.assert_allclose(suspects.missed(Sensor, places, velocity, 10.0, 0.0), np.where(seen, 0.0, 1.0))
-    later = suspects.missed(Sensor, places + np.array([[2.0], [0.0]]), velocity, 14.0, 0.0)
-    assert later[seen].max() < 0.1
-    assert later[~seen].min() == 1.0
-    wide = suspects.doubted(Sensor, np.array([20.0, 20.0]), np.eye(2), np.zeros(2), 10.0, 0.0, 1.5)
-    assert wide[0, 0] == pytest.approx(1.0 + 1.5**2)  # it was in full view, and not seen
-    kept = suspects.doubted(Sensor, np.array([30.0, 20.0]), np.eye(2), np.zeros(2), 10.0, 0.0, 1.5)
-    np.testing.assert_array_equal(kept, np.eye(2))
-
-
-def test_the_careful_speed_leaves_room_to_stop():
-    for room, reaction, braking in [(1.7, 1.0, 3.0), (3.3, 0.5, 1.0)]:
-        v = careful_speed(room, reaction, braking)
-        assert v * reaction + v**2 / (2 * braking) == pytest.approx(room)
 
 
 def test_a_target_is_kept_to_though_another_comes_nearer():
