@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
+from planner.sampling.batch import sample_paths
 from planner.sampling.board import Board, board
-from planner.sampling.paths import sample_paths
 
 STEPS, PATHS = 1000, 1000
 

@@ -10,8 +10,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimator.arrays import BoolArray, FloatArray, IntArray
+from planner.allocation.auction import ROUND, Auction, Prices
 from planner.allocation.consensus import NOBODY
-from planner.allocation.rounds import CONVERGED, ROUND, RUNNING, Auction, Prices, run
+from planner.allocation.rounds import CONVERGED, RUNNING, run
 from planner.allocation.score import TeamScores
 
 PART = 200_000  # work between two questions for the time, about half a millisecond

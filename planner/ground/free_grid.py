@@ -9,15 +9,13 @@ from planner.ground.any_angle import (
     ARRIVED,
     BUCKETS,
     CURRENT,
-    NEIGHBOURS,
     UNREACHED,
     WAITING,
     allowed_steps,
-    lengths_at,
     moves_of,
     spread,
-    ways_back,
 )
+from planner.ground.any_angle_ways import NEIGHBOURS, lengths_at, ways_back
 from planner.ground.walk import chebyshev3, open_ways
 from planner.plan import Over
 

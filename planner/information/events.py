@@ -13,7 +13,7 @@ from estimator.kernels import kernel
 from planner.commitments import heeded, looks
 from planner.information.belief import clutter_rate
 from planner.information.conditional import conditional_kernel
-from planner.information.gains import Fixed, Options, nearest_first
+from planner.information.gains import Fixed, Options
 from planner.plan import Commitment, Over, PlannerSetup, PlanProblem, never
 
 
@@ -88,6 +88,12 @@ def nearest(
     kept, left = events.only(np.sort(order[:most])), events.only(order[most:])
     fixed = Fixed.of(kept.detection, weights, kept.clutter, terms)
     return fixed, float(most_alone(left.detection, weights, left.clutter, terms).sum())
+
+
+def nearest_first(detection: FloatArray, points: FloatArray, weights: FloatArray, at: FloatArray) -> IntArray:
+    """Numbers of events (k,), that first whose expected detections have their middle nearest to `at` (d,)."""
+    middles = (detection * weights) @ points.T / np.maximum((detection @ weights)[:, None], 1e-300)
+    return np.argsort(np.linalg.norm(middles - at, axis=1), kind="stable")
 
 
 @kernel

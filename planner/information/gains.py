@@ -143,12 +143,6 @@ def information(fixed: Fixed, some: Options, first: int = 0, last: int | None = 
     return np.asarray(alone - fixed.given - some.given[rows])
 
 
-def nearest_first(detection: FloatArray, points: FloatArray, weights: FloatArray, at: FloatArray) -> IntArray:
-    """Numbers of events (k,), that first whose expected detections have their middle nearest to `at` (d,)."""
-    middles = (detection * weights) @ points.T / np.maximum((detection @ weights)[:, None], 1e-300)
-    return np.argsort(np.linalg.norm(middles - at, axis=1), kind="stable")
-
-
 @kernel
 def _options(
     detection: FloatArray, weights: FloatArray, clutter: FloatArray, terms: int

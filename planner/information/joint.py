@@ -20,10 +20,10 @@ from estimator.arrays import FloatArray, IntArray
 from planner.deadline import Deadline
 from planner.information.actions import ActionSet
 from planner.information.config import JointConfig
-from planner.information.events import Events, committed
+from planner.information.events import Events, committed, nearest_first
 from planner.information.following import LATE as NO_TIME_FOR_A_WAY
 from planner.information.following import LEAST, Chosen, in_order
-from planner.information.gains import Options, joined, nearest_first
+from planner.information.gains import Options, joined
 from planner.information.single import LATE, MODES_BY_SCALE, RANDOM, MutualInformation
 from planner.information.team import NOTHING, Joint, Rules, View, decided, enumerated, in_turn, same_others
 from planner.maasi.maasi import unplannable

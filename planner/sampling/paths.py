@@ -1,4 +1,4 @@
-"""One Monte Carlo path, sampled and scored in the same pass, and a batch of them: the hot loop.
+"""One Monte Carlo path, sampled and scored in the same pass: the hot loop.
 
 Source: Olofsson, Veibäck, Hendeby et al., "Multi-agent informed path planning using the probability
 hypothesis density", 2020, sections 4.2 and 5.2. Derived from there, and where it differs:
@@ -19,35 +19,11 @@ import numpy as np
 from estimator.arrays import FloatArray, IntArray
 from estimator.kernels import exact_kernel
 from planner.sampling.board import MOVES, Board
+from planner.sampling.dice import below, shifted
 
 _MOVES = MOVES.copy()
 _TRIES = 24  # draws of a point that are rejected before any cell is taken
-_LEFT, _STAMP, _VALUE, _MISS = 0, 1, 2, 3  # columns of a worksheet
-
-
-@exact_kernel
-def scrambled(seed: np.uint64) -> np.uint64:
-    """SplitMix64 of a seed: streams of neighbouring seeds have nothing in common. Never 0."""
-    z = seed + np.uint64(0x9E3779B97F4A7C15)
-    z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    z = z ^ (z >> np.uint64(31))
-    return z if z != np.uint64(0) else np.uint64(1)
-
-
-@exact_kernel
-def shifted(x: np.uint64) -> np.uint64:
-    """The next state of xorshift64 (Marsaglia 2003)."""
-    x ^= x << np.uint64(13)
-    x ^= x >> np.uint64(7)
-    x ^= x << np.uint64(17)
-    return x
-
-
-@exact_kernel
-def below(x: np.uint64, n: int) -> int:
-    """A number 0..n-1 from the upper half of a state."""
-    return int(np.int64(((x >> np.uint64(32)) * np.uint64(n)) >> np.uint64(32)))
+LEFT, STAMP, VALUE, MISS = 0, 1, 2, 3  # columns of a worksheet
 
 
 @exact_kernel
@@ -55,10 +31,10 @@ def worksheet(b: Board) -> FloatArray:
     """(n, 4) a row per cell in one piece of cache: what is left, whose that is, value, 1 - p_D."""
     work = np.empty((b.values.size, 4))
     for i in range(b.values.size):
-        work[i, _LEFT] = 0.0
-        work[i, _STAMP] = -1.0
-        work[i, _VALUE] = b.values[i]
-        work[i, _MISS] = 1.0 - b.detection[i]
+        work[i, LEFT] = 0.0
+        work[i, STAMP] = -1.0
+        work[i, VALUE] = b.values[i]
+        work[i, MISS] = 1.0 - b.detection[i]
     return work
 
 
@@ -74,9 +50,9 @@ def drawn(b: Board, work: FloatArray, stamp: float, here: int, x: np.uint64) -> 
             i = b.other[i]
         if i == here:
             continue
-        if work[i, _STAMP] == stamp:
+        if work[i, STAMP] == stamp:
             u = np.float64((x >> np.uint64(8)) & np.uint64(0xFFFFFF)) * 2.0**-24
-            if u * work[i, _VALUE] >= work[i, _LEFT]:
+            if u * work[i, VALUE] >= work[i, LEFT]:
                 continue
         return i, x
     x = shifted(x)
@@ -91,10 +67,10 @@ def observed(b: Board, work: FloatArray, stamp: float, cell: int, heading: int) 
     gain = 0.0
     for k in range(b.offsets[row], b.offsets[row + 1]):
         i = np.uint64(b.seen[k])
-        before = work[i, np.uint64(_LEFT if work[i, _STAMP] == stamp else _VALUE)]
+        before = work[i, np.uint64(LEFT if work[i, STAMP] == stamp else VALUE)]
         after = before * (1.0 - b.seen_p[k])
-        work[i, _LEFT] = after
-        work[i, _STAMP] = stamp
+        work[i, LEFT] = after
+        work[i, STAMP] = stamp
         gain += before - after
     return gain
 
@@ -123,11 +99,11 @@ def run(
         cells[k] = here
         i = np.uint64(here)  # numba asks of a signed index whether it counts from the end
         before = work[
-            i, np.uint64(_LEFT if work[i, _STAMP] == stamp else _VALUE)
+            i, np.uint64(LEFT if work[i, STAMP] == stamp else VALUE)
         ]  # not a branch: it is a toss-up
-        after = before * work[i, _MISS]
-        work[i, _LEFT] = after
-        work[i, _STAMP] = stamp
+        after = before * work[i, MISS]
+        work[i, LEFT] = after
+        work[i, STAMP] = stamp
         gain += before - after
     return gain
 
@@ -150,8 +126,8 @@ def begin(b: Board, work: FloatArray, stamp: float, start: int, cells: IntArray)
         first = max(b.heading, 0)
         return observed(b, work, stamp, start, compass(_MOVES[first, 0], _MOVES[first, 1]))
     gain = b.values[start] * b.detection[start]
-    work[start, _LEFT] = b.values[start] - gain
-    work[start, _STAMP] = stamp
+    work[start, LEFT] = b.values[start] - gain
+    work[start, STAMP] = stamp
     return float(gain)
 
 
@@ -287,115 +263,9 @@ def bound_path(
             if b.offsets.size > 1:
                 reward += observed(b, work, stamp, here, compass(_MOVES[best, 0], _MOVES[best, 1]))
             else:
-                before = work[here, _LEFT] if work[here, _STAMP] == stamp else work[here, _VALUE]
-                after = before * work[here, _MISS]
-                work[here, _LEFT] = after
-                work[here, _STAMP] = stamp
+                before = work[here, LEFT] if work[here, STAMP] == stamp else work[here, VALUE]
+                after = before * work[here, MISS]
+                work[here, LEFT] = after
+                work[here, STAMP] = stamp
                 reward += before - after
     return reward, legs, done + 1
-
-
-@exact_kernel
-def bred(
-    b: Board, parents: IntArray, lengths: IntArray, mutation: float, x: np.uint64, genes: IntArray
-) -> tuple[int, np.uint64]:
-    """Genes of a child: the beginning of one parent, the end of another, and a point drawn anew."""
-    x = shifted(x)
-    one = below(x, lengths.size)
-    x = shifted(x)
-    two = below(x, lengths.size)
-    x = shifted(x)
-    cut = below(x, lengths[one] + 1)
-    known = cut
-    genes[:cut] = parents[one, :cut]
-    for k in range(cut, lengths[two]):
-        genes[k] = parents[two, k]
-        known = k + 1
-    x = shifted(x)
-    if known > 0 and np.float64(x >> np.uint64(11)) * 2.0**-53 < mutation:
-        x = shifted(x)
-        place = below(x, known)
-        x = shifted(x)
-        i = below(x, b.values.size)
-        x = shifted(x)
-        if np.float64(x >> np.uint64(40)) * 2.0**-24 >= b.odds[i]:
-            i = b.other[i]
-        genes[place] = 2 * i + np.int64(x & np.uint64(1))
-    return known, x
-
-
-@exact_kernel
-def sample_paths(
-    b: Board,
-    start: int,
-    seed: int,
-    first: int,
-    count: int,
-    parents: IntArray,
-    lengths: IntArray,
-    mutation: float,
-    cells: IntArray,
-    genes: IntArray,
-) -> tuple[float, int, int]:
-    """The best of paths number first..first + count - 1: its reward, and how many genes and looks it has.
-
-    Every path has a generator of its own: what path i is does not depend on how batches are cut.
-
-    Args:
-        parents: (p, g) genes of paths to breed from, with `lengths` (p,); none: all points are drawn.
-        mutation: the chance that one point of a child is drawn anew.
-        cells: (k + 1,) receives the best path's cells.
-        genes: (g,) receives its genes, g > k.
-    """
-    work = worksheet(b)
-    path, made = np.empty_like(cells), np.empty_like(genes)
-    best, best_legs, best_looks = -1.0, 0, 0
-    for i in range(count):
-        x = scrambled(scrambled(np.uint64(seed)) + np.uint64(first + i))
-        known = 0
-        if lengths.size > 0:
-            known, x = bred(b, parents, lengths, mutation, x, made)
-        if b.open.size > 0:
-            reward, legs, looks = bound_path(b, work, np.float64(i), start, x, made, known, path)
-        else:
-            reward, legs, looks = free_path(b, work, np.float64(i), start, x, made, known, path)
-        if reward > best:
-            best, best_legs, best_looks = reward, legs, looks
-            cells[:looks] = path[:looks]
-            genes[:legs] = made[:legs]
-    return best, best_legs, best_looks
-
-
-@exact_kernel
-def greedy_path(b: Board, start: int, cells: IntArray, genes: IntArray) -> tuple[float, int, int]:
-    """Always to the cell with most unobserved, section 5.2; the first in storage among equals, as there.
-
-    Points on the way are not counted as observed until they are; arguments and results as of `sample_paths`.
-    """
-    work = worksheet(b)
-    known, looks = 0, 1
-    zero = np.uint64(1)
-    steps = cells.size - 1
-    here = start
-    reward = begin(b, work, 0.0, start, cells)
-    while known < genes.size and looks <= steps:
-        top, target = -1.0, -1
-        for i in range(b.values.size):
-            left = work[i, _LEFT] if work[i, _STAMP] == np.float64(known) else work[i, _VALUE]
-            if i != here and left > top and (b.hops.size == 0 or b.hops[i, here] < 0xFFFFFFFF):
-                top, target = left, i
-        if target < 0:
-            break
-        genes[known] = 2 * target
-        known += 1
-        looks_before = looks
-        if b.open.size > 0:
-            reward, _, looks = bound_path(
-                b, work, np.float64(known), start, zero, genes[:known], known, cells
-            )
-        else:
-            reward, _, looks = free_path(b, work, np.float64(known), start, zero, genes[:known], known, cells)
-        if looks == looks_before:
-            break
-        here = cells[looks - 1]
-    return reward, known, looks

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.arrays import IntArray
+from planner.sampling.batch import greedy_path, sample_paths
 from planner.sampling.board import Board
-from planner.sampling.paths import greedy_path, sample_paths
 
 _BATCH_NS = 4e5  # so long a batch takes, about: the time is looked at in between
 _FREE_NS, _BOUND_NS, _SEEN_NS = 10.0, 400.0, 5.0  # of a step, where moves are forbidden, of a cell observed

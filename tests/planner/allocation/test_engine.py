@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
+from planner.allocation.auction import HEARING, ROBOT, ROUND
 from planner.allocation.engine import allocate, connected, named
-from planner.allocation.rounds import HEARING, ROBOT, ROUND, run
+from planner.allocation.rounds import run
 from planner.allocation.score import TeamScores
 from planner.allocation.slots import incomplete, slots, task_of, without_task
 from tests.planner.allocation.teams import graph, greedy, in_rounds, names, optimum, scores, worth

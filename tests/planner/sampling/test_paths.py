@@ -104,7 +104,7 @@ def test_the_first_points_are_drawn_in_proportion_to_what_is_unobserved(seed):
     values = np.array([0.0, 1.0, 2.0, 0.0, 4.0, 3.0])
     b = board((2, 3), values, 0.0)
     count = np.zeros(6)
-    from planner.sampling.paths import sample_paths
+    from planner.sampling.batch import sample_paths
 
     nobody = np.empty((0, 1), dtype=np.int64), np.empty(0, dtype=np.int64)
     cells, genes = np.empty(2, dtype=np.int64), np.empty(10, dtype=np.int64)
