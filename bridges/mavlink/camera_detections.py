@@ -86,6 +86,7 @@ class CameraDetections(LiveSensor):
         self._speed = speed
         self._tally = Tally(config.url)
         self._clocks: dict[tuple[int, int], OneWay] = {}
+        self._begin: float | None = None  # team time of the first look
         self._heartbeat = -math.inf
         self._last = -math.inf
         self._heard: deque[tuple[float, Message]] = deque(maxlen=QUEUE)
@@ -99,6 +100,7 @@ class CameraDetections(LiveSensor):
 
     def arrived(self, now: float, poses: Poses) -> list[Seen]:
         mono = time.monotonic()
+        self._begin = now if self._begin is None else self._begin
         pictures: dict[float, list[Sighting]] = {}
         while self._heard and self._heard[0][0] < mono - NEARBY_S:  # the rest of a picture may still come
             came, message = self._heard.popleft()
@@ -144,7 +146,10 @@ class CameraDetections(LiveSensor):
     def _seen(self, capture: float, sightings: list[Sighting], poses: Poses) -> Seen | None:
         pose = poses(capture)
         if pose is None:
-            self._tally.refuse("no_pose", "nobody knows where the robot was then")
+            if self._begin is not None and capture < self._begin:
+                self._tally.counts["early"] += 1  # from before the robot began: nobody's fault
+            else:
+                self._tally.refuse("no_pose", "nobody knows where the robot was then")
             return None
         places: list[FloatArray] = []
         for sighting in sightings:

@@ -88,6 +88,7 @@ class UdpDetections(LiveSensor):
         self._speed = speed
         self._tally = Tally(f"udp:{config.host}:{config.port}")
         self._numbers: dict[object, int] = {}
+        self._begin: float | None = None  # team time of the first look
         try:
             found = socket.getaddrinfo(config.host, config.port, type=socket.SOCK_DGRAM)
             self._socket = socket.socket(found[0][0], socket.SOCK_DGRAM)
@@ -104,6 +105,7 @@ class UdpDetections(LiveSensor):
         return f"UdpDetections({self._tally!r})"
 
     def arrived(self, now: float, poses: Poses) -> list[Seen]:
+        begin = self._begin = now if self._begin is None else self._begin
         seen = []
         for _ in range(AT_ONCE):
             try:
@@ -118,6 +120,9 @@ class UdpDetections(LiveSensor):
                 self._number(sender, found.sequence)
                 capture = now - (found.age + wall - came) * self._speed
                 pose = poses(capture)
+                if pose is None and capture < begin:
+                    self._tally.counts["early"] += 1  # from before the robot began: nobody's fault
+                    continue
                 if pose is None:
                     raise Refused("no_pose", f"nobody knows where the robot was {now - capture:.2f} s ago")
             except Refused as error:

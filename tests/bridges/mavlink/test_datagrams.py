@@ -178,9 +178,13 @@ def test_a_flood_is_read_in_parts_and_silence_says_nothing(bench: Bench) -> None
     assert first + len(bench.sensor.arrived(10.0, here)) <= 300
 
 
-def test_a_set_of_a_time_when_nobody_knows_the_pose_is_refused(bench: Bench) -> None:
+def test_a_set_of_a_time_when_nobody_knows_the_pose_is_refused_once_the_robot_has_begun(bench: Bench) -> None:
     bench.send(GOOD)
     assert bench.sensor.arrived(10.0, lambda time: None) == []
+    assert bench.sensor.counters()["detections.early"] == 1
+    assert bench.sensor.news() == []
+    bench.send(GOOD)
+    assert bench.sensor.arrived(20.0, lambda time: None) == []
     assert bench.sensor.counters()["detections.refused.no_pose"] == 1
 
 
