@@ -10,14 +10,17 @@ import numpy as np
 
 from agents.devices import VehicleState
 from estimator.arrays import FloatArray
-from planner.plan import Trajectory, VehicleModel
-from planner.vehicles.route import advanced
+from estimator.filter import Area
+from planner.ground.routes import followed, lifted
+from planner.plan import Ground, Trajectory, VehicleModel
+from planner.vehicles.route import advanced, routed
 
 PLANNING = 0.8  # share of the lead that a planner may take; the rest is for the answer's way back
 LATE_S = 0.02  # a plan that comes this much after its start cannot be followed from there
 STILL_M, STILL_M_S = 0.25, 0.1  # a robot that is as near to a late plan's start, and as slow, stands there
 FACTOR, KEPT = 1.5, 0.9  # of a late answer's time, and of the lead after one in time
 MOST_S = 60.0
+NEAR_M = 1.0  # corners of the rest of a way in the open are passed within this
 
 
 class Lead:
@@ -90,6 +93,34 @@ def departure(
         state = vehicle.begin(state, following.route[0])
         state = advanced(vehicle, state, following, body.time + first * period, steps - first)
     return start, state
+
+
+def resumed(
+    vehicle: VehicleModel,
+    now: float,
+    body: VehicleState,
+    old: Trajectory,
+    period: float,
+    area: Area,
+    ground: Ground | None,
+) -> Trajectory | None:
+    """The rest of a trajectory from where the vehicle was turned aside to.
+
+    None where that would bring it too near to something that it may not enter.
+
+    Args:
+        vehicle: its model.
+        now: team time.
+        body: of the vehicle, now.
+        old: the trajectory that it was turned aside on.
+        period: seconds between measurements.
+        area: whose dimension the ground has.
+        ground: where the vehicle may be; None: anywhere.
+    """
+    rest = old.route[max(0, int(np.searchsorted(old.route_times, now, side="right")) - 1) :]
+    if ground is None:
+        return routed(vehicle, body.state, rest, body.time, period, near=NEAR_M)
+    return followed(lifted(ground, area.dimension), vehicle, body.state, rest, body.time, period)
 
 
 def postponed(plan: Trajectory, now: float, body: VehicleState) -> Trajectory | None:

@@ -28,7 +28,7 @@ from agents.machine import (
     Stamp,
 )
 from agents.robot.belief import Belief
-from agents.robot.departure import Lead, postponed
+from agents.robot.departure import Lead, postponed, resumed
 from agents.robot.measure_clock import MeasureClock
 from agents.robot.plan_request import RobotSetup, plan_problem
 from agents.robot.sets import OwnSets
@@ -47,11 +47,9 @@ from agents.wire.topics import PLAN, POSE, SET
 from agents.wire.transport import PeerChange
 from estimator.arrays import FloatArray
 from planner.plan import Plan, PlanProblem, Trajectory
-from planner.vehicles.route import routed
 
 LATE_FACTOR = 1.5  # a trajectory that takes this much longer than planned is given up
 AMENDED = "goes on after it was turned aside"
-NEAR_M = 1.0  # corners of the rest of a way are passed within this
 STAGGER_S = 10.0  # within this all of a large team have planned first, one after the other
 RETRY_S = 1.0  # after a plan that holds, the next is asked for this much later
 REPLAN_S = 1.0  # when the allocation changes again, no earlier than this after the last plan was asked for
@@ -295,12 +293,14 @@ class Robot:
         if old is None or body.arrived:
             return []
         self._next, self._awaited = None, None  # planned from where it will not be
-        if now >= self._late_at:
+        setup, way = self._setup, None
+        if now < self._late_at:
+            area = setup.area or setup.mission.box()
+            way = resumed(setup.vehicle, now, body, old, self._period, area, setup.ground)
+        if way is None:
             self._trajectory, self._held = None, body.pose[:3]
             self._plan_at = now
             return [Follow(None)]
-        rest = old.route[max(0, int(np.searchsorted(old.route_times, now, side="right")) - 1) :]
-        way = routed(self._setup.vehicle, body.state, rest, body.time, self._period, near=NEAR_M)
         self._trajectory, self._held = way, way.waypoint
         self._plan_at = max(way.end_time - self.lead.seconds, now)
         self._plan_version += 1

@@ -11,10 +11,14 @@ import pytest
 from agents.devices import VehicleState
 from agents.machine import Heard
 from agents.mission.mission_file import load
-from agents.robot.departure import PLANNING, Lead, departure, postponed
+from agents.robot.departure import PLANNING, Lead, departure, postponed, resumed
 from agents.robot.plan_request import RobotSetup, planning_time
 from agents.team import Team
 from agents.wire.messages import PlanMessage, PoseMessage
+from estimator.filter import Area
+from planner.ground.build import GroundPlan, built
+from planner.ground.routes import trajectory_clear
+from planner.ground.shapes import Shape
 from planner.vehicles.fixed_wing import FixedWing
 from planner.vehicles.quadrotor import Quadrotor
 from planner.vehicles.unicycle import Unicycle
@@ -118,6 +122,33 @@ def test_a_late_plan_is_begun_later_where_the_robot_still_stands_and_dropped_whe
     assert postponed(way, 13.0, dataclasses.replace(body, velocity=np.array([1.0, 0.0, 0.0]))) is None
     gone = body.pose + np.array([3.0, 0.0, 0.0, 0.0])
     assert postponed(way, 13.0, dataclasses.replace(body, pose=gone)) is None
+
+
+AREA = Area(np.array([-10.0, -30.0]), np.array([80.0, 60.0]))
+
+
+@pytest.mark.parametrize("kind", MODELS)
+@pytest.mark.parametrize(("south", "free"), [(-3.0, False), (-28.0, True)])
+def test_a_robot_that_was_turned_aside_goes_on_unless_a_wall_is_in_the_way(
+    kind: str, south: float, free: bool
+) -> None:
+    model, _, way = flown(kind)
+    pose = START + np.array([6.0, -14.0, 0.0, 0.0])  # turned aside to the south
+    aside = VehicleState(3.0, pose, np.zeros(3), model.initial_state(pose), 0.0, False)
+    north = south + 8.0
+    wall = Shape.polygon([np.array([[30.0, south], [32.0, south], [32.0, north], [30.0, north]])])
+    plan = GroundPlan(obstacles=(wall,), resolution=0.5, radius=0.5)
+    ground = built(plan, AREA, START[:3, None])
+    assert trajectory_clear(ground, way)
+    straight = resumed(model, 3.0, aside, way, 1.0, AREA, None)
+    assert straight is not None
+    found = resumed(model, 3.0, aside, way, 1.0, AREA, ground)
+    assert trajectory_clear(ground, straight) == free
+    assert (found is not None) == free
+    if found is not None:
+        assert found.start_time == 3.0
+        np.testing.assert_array_equal(found.waypoint, GOAL)
+        np.testing.assert_array_equal(found.poses, straight.poses)
 
 
 @pytest.mark.parametrize("speed", [0.5, 1.0, 4.0])

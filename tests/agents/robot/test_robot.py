@@ -1,15 +1,29 @@
+import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
 import pytest
 
-from agents.machine import Action, Event, Follow, Heard, Measure, Measured, Planned, Publish, RequestPlan
+from agents.machine import (
+    Action,
+    Delayed,
+    Event,
+    Follow,
+    Heard,
+    Measure,
+    Measured,
+    Planned,
+    Publish,
+    RequestPlan,
+)
 from agents.mission.mission import Mission
 from agents.robot.plan_request import RobotSetup
 from agents.robot.robot import Robot
 from agents.wire.messages import Message, PlanMessage, PoseMessage, Watermark
 from agents.wire.topics import PLAN, POSE, POSTERIOR, SET
 from agents.wire.transport import Peer, PeerChange
+from planner.ground.frame import OPEN, SOLID
+from planner.ground.grid_ground import GridGround
 from planner.plan import Plan
 from tests.agents.fakes import FakeBody, FakeSensor, FakeVehicle, mission, plan_to
 from tests.agents.robot.test_unacknowledged import posterior
@@ -136,6 +150,27 @@ def test_the_next_plan_is_asked_for_before_the_end_from_where_the_trajectory_wil
     assert when == pytest.approx(4.0)
     assert second.problem.start_time == pytest.approx(4.25)
     np.testing.assert_allclose(second.problem.state[:3], [4, 0, 0])
+
+
+@pytest.mark.parametrize("walled", [False, True])
+def test_turned_aside_it_goes_on_around_no_wall_but_stops_and_plans_anew(walled: bool) -> None:
+    cells = np.zeros((1, 60, 60), dtype=np.uint8)
+    cells[0, 30:39, 29:31] = SOLID if walled else OPEN  # 2 m of wall south of the way, 4.5 to 5.5 m ahead
+    ground = GridGround(cells, 0.5, np.array([-10.0, -20.0, 0.0]))
+    stage = Stage(ground=ground)
+    asked = request(stage.step())
+    stage.step(Planned(asked.number, plan_to(15, 0, np.zeros(4), LEAD)))
+    stage.run_until(2.0)
+    stage.body.trajectory, stage.body.at = None, np.array([2.0, -2.0, 0.0, 0.0])
+    actions = stage.robot.step(2.0, dataclasses.replace(stage.body.state(2.0), arrived=False), [Delayed()])
+    (follow,) = [action for action in actions if isinstance(action, Follow)]
+    if walled:
+        assert follow.trajectory is None
+        np.testing.assert_allclose(request(actions).problem.state[:3], [2.0, -2.0, 0.0])
+    else:
+        assert follow.trajectory is not None
+        np.testing.assert_allclose(follow.trajectory.waypoint, [15.0, 0.0, 0.0])
+        assert sent(actions, PlanMessage)
 
 
 def test_it_never_stands_still_for_a_plan_that_is_there_in_time() -> None:
