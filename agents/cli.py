@@ -16,6 +16,7 @@ from typing import Annotated
 
 import typer
 
+from agents.completion import complete_mission, complete_robot
 from agents.errors import SearchpartyError
 from agents.lazy_commands import LazyGroup
 
@@ -37,44 +38,12 @@ class View(StrEnum):
     WEB = "web"
 
 
-def _complete_mission(incomplete: str) -> list[str]:
-    """Names of examples, mission files, and directories on the way to them."""
-    from agents.mission.mission_file import examples
-
-    head, _, tail = incomplete.rpartition("/")
-    directory = Path(head or ("/" if incomplete.startswith("/") else ".")).expanduser()
-    prefix = incomplete[: len(incomplete) - len(tail)]
-    names = [name for name in examples() if name.startswith(incomplete)]
-    try:
-        entries = sorted(directory.iterdir())
-    except OSError:
-        return names
-    for entry in entries:
-        if entry.name.startswith(tail) and not (entry.name.startswith(".") and not tail):
-            if entry.is_dir():
-                names.append(f"{prefix}{entry.name}/")
-            elif entry.suffix == ".toml":
-                names.append(prefix + entry.name)
-    return names
-
-
-def _complete_robot(ctx: typer.Context, incomplete: str) -> list[str]:
-    """The ids of the robots in the mission that was typed before."""
-    from agents.mission.mission_file import load
-
-    try:
-        robots = load(ctx.params["mission"]).robots
-    except (KeyError, SearchpartyError):
-        return []
-    return [robot.id for robot in robots if robot.id.startswith(incomplete)]
-
-
 MissionArgument = Annotated[
     str,
     typer.Argument(
         metavar="MISSION",
         help="A mission file, or the name of an installed example such as quickstart.",
-        autocompletion=_complete_mission,
+        autocompletion=complete_mission,
     ),
 ]
 Seed = Annotated[int | None, typer.Option(min=0, help="Take this seed instead of the mission's.")]
@@ -153,7 +122,7 @@ def robot(
     robot_id: Annotated[
         str,
         typer.Option(
-            "--id", metavar="ID", help="Which of the mission's robots.", autocompletion=_complete_robot
+            "--id", metavar="ID", help="Which of the mission's robots.", autocompletion=complete_robot
         ),
     ],
     out: Annotated[
@@ -251,7 +220,7 @@ def warm(
         typer.Argument(
             metavar="[MISSION]",
             help="Only what this mission needs; else everything.",
-            autocompletion=_complete_mission,
+            autocompletion=complete_mission,
         ),
     ] = None,
 ) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 import typer
 
-from agents import cli, lazy_commands
+from agents import cli, completion, lazy_commands
 from agents.errors import LinkError, StorageError
 from tests.agents import fake_kinds
 from tests.agents.fake_kinds import MISSION
@@ -242,13 +242,13 @@ def test_missions_and_robots_are_completed(
     monkeypatch.chdir(tmp_path)
     (tmp_path / "tests").mkdir()
     (tmp_path / "notes.txt").touch()
-    assert cli._complete_mission("te") == ["test.toml", "tests/"]
-    assert cli._complete_mission("quick") == ["quickstart"]
-    assert cli._complete_mission(f"{tmp_path}/tes") == [f"{tmp_path}/test.toml", f"{tmp_path}/tests/"]
-    assert cli._complete_mission("/no/such/dir/x") == []
+    assert completion.complete_mission("te") == ["test.toml", "tests/"]
+    assert completion.complete_mission("quick") == ["quickstart"]
+    assert completion.complete_mission(f"{tmp_path}/tes") == [f"{tmp_path}/test.toml", f"{tmp_path}/tests/"]
+    assert completion.complete_mission("/no/such/dir/x") == []
     context: Any = SimpleNamespace(params={"mission": "test.toml"})
-    assert cli._complete_robot(context, "r") == ["r1", "r2"]
-    assert cli._complete_robot(SimpleNamespace(params={}), "r") == []  # type: ignore[arg-type]
+    assert completion.complete_robot(context, "r") == ["r1", "r2"]
+    assert completion.complete_robot(SimpleNamespace(params={}), "r") == []  # type: ignore[arg-type]
 
 
 def test_the_shell_gets_a_completion_script() -> None:
