@@ -2,7 +2,6 @@
 
 import time
 from collections.abc import Sequence
-from contextlib import ExitStack
 
 from agents.devices import LiveVehicle, VehicleHealth
 from agents.machine import Event, Heard
@@ -22,6 +21,8 @@ class Piloting:
         self.vehicle: LiveVehicle | None = team.connect(robot, team.mission.seed)
         self._shell: Shell | None = None
         self._heard = time.monotonic()
+        self._leaving = 0.0  # since when
+        self._finished = False
         self._resumed: set[str] = set()  # messages
 
     def __repr__(self) -> str:
@@ -32,19 +33,32 @@ class Piloting:
 
     def __exit__(self, *_: object) -> None:
         """However the robot ends, the vehicle is told what to do without it."""
-        vehicle = self.vehicle
-        if vehicle is None:
+        if self.vehicle is None:
             return
-        with ExitStack() as stack:
-            stack.callback(vehicle.close)
-            until = time.monotonic() + LEAVE_S
-            left = vehicle.leave()
-            while not left and time.monotonic() < until:
-                time.sleep(0.02)
-                left = vehicle.leave()
-            if self._shell is not None:
-                doubt = "" if left else " (told to, but it does not show yet)"
-                self._shell.log(f"leaves its vehicle: {vehicle.health().words}{doubt}")
+        try:
+            self.finish()
+        finally:
+            self.vehicle.close()
+
+    def finish(self) -> None:
+        """Bring the vehicle's flight to an end; wait, but not long, until it shows."""
+        vehicle = self.vehicle
+        if vehicle is None or self._finished:
+            return
+        self._finished = True
+        self.leave()
+        until = self._leaving + LEAVE_S
+        while not (left := vehicle.leave()) and time.monotonic() < until:
+            time.sleep(0.02)
+        if self._shell is not None:
+            doubt = "" if left else " (told to, but it does not show yet)"
+            self._shell.log(f"leaves its vehicle: {vehicle.health().words}{doubt}")
+
+    def leave(self) -> None:
+        """Tell the vehicle at once to end its flight; `finish` waits for it."""
+        if self.vehicle is not None and self._leaving == 0.0:
+            self._leaving = time.monotonic()
+            self.vehicle.leave()
 
     def prepare(self) -> None:
         """See that the vehicle may fly; see LiveVehicle.prepare."""
@@ -88,6 +102,8 @@ class Piloting:
         shell, vehicle = self._shell, self.vehicle
         assert shell is not None
         assert vehicle is not None
+        if self._leaving:
+            return
         vehicle.tend(shell.clock.now(), time.monotonic() - self._heard)
         for level, text in vehicle.news():
             shell.announce(text, level)

@@ -204,6 +204,7 @@ class RobotProcess:
                 _listen_to_sets(shell)
             self._body.step(events)
             await shell.sleep_until(self._body.next_wake())
+        self._piloting.leave()
         self._publish_health()
 
     def _wanted(self, topic: Topic, sender: str) -> bool:
@@ -219,6 +220,7 @@ class RobotProcess:
 
     def close(self) -> None:
         """Let go of devices and the planner's thread."""
+        self._piloting.finish()
         self._body.close()
         for pool in (self._pool, self._estimating):
             if pool is not None:

@@ -8,6 +8,7 @@ from estimator.arrays import FloatArray
 from planner.plan import Trajectory, VehicleModel
 
 AHEAD_S = 1.2  # a place so far ahead on the trajectory: position controllers lag about a second behind
+WAIT_S = 2.0  # a way that should begin waits so long for the one before to end
 UP_M = 0.7  # so near to its start's altitude it is up
 
 
@@ -53,7 +54,7 @@ class Steering:
             self._done(now)
             self._way, self._next = None, None
             self._held = self._levelled(here)
-        elif self._way is None or trajectory.start_time <= now:
+        elif self._way is None or (trajectory.start_time <= now < self._way.end_time):
             self._done(now)
             self._way, self._next, self._nearest = trajectory, None, np.inf
         else:
@@ -75,7 +76,7 @@ class Steering:
                 height = self._start[2] if self._flies else here[2]
                 self._climb = np.array([here[0], here[1], height])
             return self._climb
-        if self._next is not None and now >= self._next.start_time:
+        if self._next is not None and now >= self._next.start_time and self._there(now, here):
             self._done(now)
             self._way, self._next, self._nearest = self._next, None, np.inf
         if self.aside is not None:
@@ -99,13 +100,21 @@ class Steering:
         index = max(0, int(np.searchsorted(way.route_times, now + 1e-9, side="right")) - 1)
         return np.array(way.route[index])
 
+    def _there(self, now: float, here: FloatArray) -> bool:
+        """Whether it may go on to the next way: not before it has been at its waypoint, if that is near."""
+        way, following = self._way, self._next
+        if way is None or following is None or self.aside is not None:
+            return True
+        return self._near(way.waypoint, here) or now >= following.start_time + WAIT_S
+
+    def _near(self, waypoint: FloatArray, here: FloatArray) -> bool:
+        axes = 3 if self._flies else 2
+        return float(np.linalg.norm((here - waypoint)[:axes])) <= self._config.tolerance_m
+
     def arrived(self, here: FloatArray) -> bool:
         """At the waypoint last given, or none was given."""
         way = self._next or self._way
-        if way is None:
-            return True
-        axes = 3 if self._flies else 2
-        return float(np.linalg.norm((here - way.waypoint)[:axes])) <= self._config.tolerance_m
+        return way is None or self._near(way.waypoint, here)
 
     def model_state(self, pose: FloatArray, velocity: FloatArray) -> FloatArray:
         """The state (n,) that predictions begin with.
