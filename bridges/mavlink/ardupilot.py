@@ -82,6 +82,10 @@ class ArduPilot(Autopilot):
         return "RTL"
 
     @property
+    def mission_mode(self) -> str:
+        return "AUTO"
+
+    @property
     def hold_mode(self) -> str:
         # LOITER would obey the throttle stick, also one that nobody has connected.
         return "BRAKE" if self.body == "copter" else "HOLD"

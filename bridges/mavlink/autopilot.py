@@ -74,6 +74,11 @@ class Autopilot(ABC):
 
     @property
     @abstractmethod
+    def mission_mode(self) -> str:
+        """In which it flies the mission on board."""
+
+    @property
+    @abstractmethod
     def parameters(self) -> tuple[str, ...]:
         """What to read to know its failsafes."""
 

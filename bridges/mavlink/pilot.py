@@ -12,14 +12,17 @@ from bridges.mavlink.commands import Commands
 from bridges.mavlink.dialect import Message, mavlink
 from bridges.mavlink.event import Event
 from bridges.mavlink.flight import Flight
+from bridges.mavlink.following import WayFlight
 from bridges.mavlink.identity import Identity
 from bridges.mavlink.introduction import Introduction
+from bridges.mavlink.mission_protocol import keeps_home_first
 from bridges.mavlink.pilot_config import PilotConfig
 from bridges.mavlink.port import LinkState
 from bridges.mavlink.safety import Reserve
 from bridges.mavlink.timesync import TimeSync
 from bridges.mavlink.vehicle_state import VehicleReport
-from bridges.mavlink.wanted import Drive, GoTo, TakeOff, Wanted
+from bridges.mavlink.wanted import Drive, GoTo, TakeOff, Wanted, Way
+from bridges.mavlink.ways import Ways
 
 LOST = 4.5  # s without a heartbeat
 TURNS, TURN_TIME = 3, 10.0  # so often the clock goes back within s where two vehicles share an id
@@ -189,7 +192,9 @@ class Pilot:
         assert autopilot is not None
         assert system is not None
         self.commands, self.timesync = Commands(system), TimeSync(system)
-        flight = Flight(self.config, autopilot, self.commands, self.say)
+        ways = Ways((system, 1), self.us, keeps_home_first(autopilot.name))
+        flight = WayFlight(self.config, autopilot, self.commands, self.say, ways)
+        self._errands.append(ways)
         self.say("info", f"system {system} is a {self.vehicle.body} with {autopilot.name}")
         if self.vehicle.armed and self.config.take_flying:
             flight.take()
@@ -221,7 +226,7 @@ class Pilot:
             flight.grounded |= self.reserve.grounds
         out = flight.step(now, self.vehicle, task, self.reasons)
         trouble = flight.trouble
-        if flight.phase == "ready" and self.reasons and isinstance(wanted.task, GoTo | Drive | TakeOff):
+        if flight.phase == "ready" and self.reasons and isinstance(wanted.task, GoTo | Drive | TakeOff | Way):
             trouble = self.reasons[0]
         self._go(flight.phase if introduction.done or flight.phase != "ready" else "introducing", trouble)
         return out

@@ -64,6 +64,10 @@ class Px4(Autopilot):
         return "RTL"
 
     @property
+    def mission_mode(self) -> str:
+        return "MISSION"
+
+    @property
     def hold_mode(self) -> str:
         return "HOLD"
 

@@ -5,8 +5,12 @@ Positions and velocities are local NED: metres from the origin of the vehicle's 
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from estimator.arrays import FloatArray
+
+if TYPE_CHECKING:
+    from bridges.mavlink.mission_items import Item
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +54,15 @@ class Return:
     """Go home and come down, as the autopilot does that."""
 
 
-Task = Rest | Hold | GoTo | Drive | TakeOff | Land | Return
+@dataclass(frozen=True, slots=True, eq=False)
+class Way:
+    """Fly a way by itself, as a mission on board, and hold at its end: for links too slow for setpoints."""
+
+    route: FloatArray  # (k, 3) corners, for the fence
+    items: "tuple[Item, ...]"  # the same as a mission
+
+
+Task = Rest | Hold | GoTo | Drive | TakeOff | Land | Return | Way
 
 
 @dataclass(frozen=True, slots=True)
