@@ -56,12 +56,13 @@ def test_ten_robots_on_a_ring_never_do_a_task_twice(kind):
         assert len(held) == len(set(held))
 
 
-def test_at_least_half_of_the_optimum_always_and_93_percent_on_average():
+@pytest.mark.parametrize("kind", ["complete", "ring", "line", "random"])
+def test_at_least_half_of_the_optimum_always_and_93_percent_on_average(kind):
     shares = []
     for seed in range(40):
         n, t, capacity = [(2, 5, 3), (3, 5, 2), (4, 6, 2), (3, 6, 2)][seed % 4]
         given = scores(seed, n, t, RATE)
-        made = allocate(given, capacity, neighbours=graph("line", n))
+        made = allocate(given, capacity, neighbours=graph(kind, n, seed))
         reached = sum(worth(given, i, path, RATE) for i, path in enumerate(made.paths))
         shares.append(reached / optimum(given, capacity, RATE))
     assert min(shares) >= 0.5

@@ -198,3 +198,27 @@ def test_the_same_crowd_gives_the_same_bits():
     one, two = run(crowd, 12.0), run(crowd, 12.0)
     assert (one.tracks == two.tracks).all()
     assert one.diverted == two.diverted > 0
+
+
+@pytest.mark.parametrize("kind", ["point_mass", "quadrotor"])
+def test_between_layers_drones_turn_aside_neither_into_what_is_below_nor_into_what_is_above(kind):
+    vehicle, separation, *_ = CASES[kind]
+    far, room = 60.0, 2.5 * separation
+    slab = np.array([[-40.0, -40.0], [40.0, -40.0], [40.0, 40.0], [-40.0, 40.0]])
+    floor, roof = (0.0, 10.0), (10.0 + room, 40.0 + room)  # they meet between the two
+    obstacles = tuple(Shape.polygon([slab], altitude) for altitude in (floor, roof))
+    area = Area(np.array([-far, -far, 0.0]), np.array([far, far, 40.0 + room]))
+    radius = 0.3
+    plan = GroundPlan(obstacles=obstacles, radius=radius, resolution=1.0, layer=0.5)
+    height = 10.0 + 0.5 * room
+    starts, goals = ring(3, 50.0, height, turn=0.2)
+    ground = built(plan, area, np.stack([start[:3] for start in starts.values()], axis=1))
+    assert len(ground.cells) > 20
+    crowd = Crowd(dict.fromkeys(starts, vehicle), starts, goals, separation, level=False, ground=ground)
+    outcome = check(crowd, 60.0)
+    assert outcome.diverted > 0
+    x, y, z = outcome.tracks.reshape(-1, 3).T
+    between = (np.abs(x) <= 40.0) & (np.abs(y) <= 40.0)
+    assert between.any()
+    assert z[between].min() >= floor[1] + radius - 1e-6
+    assert z[between].max() <= roof[0] - radius + 1e-6

@@ -2,6 +2,7 @@
 
 import dataclasses
 import itertools
+import math
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from scipy.sparse.csgraph import dijkstra
 from estimator.filter import Area
 from estimator.sensors.bearing_only import BearingOnly
 from estimator.sensors.range_bearing import RangeBearing
-from planner.irrt.fisher import a_optimality, information
+from planner.irrt.fisher import a_optimality, accumulate, information
 from planner.irrt.irrt import Irrt
 from planner.irrt.kinematics import FREE, ON_THE_SPOT, identified
 from planner.irrt.value_iteration import neighbours, values
@@ -179,3 +180,42 @@ def test_value_iteration_gives_the_shortest_ways(seed):
     graph = csr_array((lengths[rows, columns], (rows, moves[rows, columns])), shape=(42, 42))
     expected = dijkstra(graph.T, indices=11)
     np.testing.assert_allclose(values(moves, lengths, 11, 42), expected)
+
+
+@pytest.mark.parametrize("looks", [3, 4, 7, 12])
+@pytest.mark.parametrize("metres", [2.0, 6.0])
+def test_looks_from_all_around_leave_what_the_closed_form_of_11_to_13_says(looks, metres):
+    """m looks from equally spaced directions at r: J = m p_D / 2 (1/s_r^2 + 1/(r s_b)^2) I, or without s_r."""
+    target, bearing = np.array([[20.0], [20.0]]), math.radians(3.0)
+    angles = 2 * np.pi * np.arange(looks) / looks
+    poses = np.zeros((looks, 4))
+    poses[:, :2] = target.T + metres * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    poses[:, 3] = angles + np.pi  # towards it
+    prior = np.diag([9.0, 9.0])
+    for sensor, along in ((_range_bearing(2), 1 / 0.7**2), (_bearing(2), 0.0)):
+        seen = sensor.detection(target, poses)[:, 0]
+        assert seen == pytest.approx(seen[0])
+        across = bearing if along else float(np.sqrt(sensor.noise[0, 0]))
+        each = 0.5 * looks * seen[0] * (along + 1 / (metres * across) ** 2)
+        total = information(sensor, poses, target).sum(axis=0)[0]
+        np.testing.assert_allclose(total, each * np.eye(2), rtol=1e-6, atol=1e-9 * each)
+        assert a_optimality(np.linalg.inv(prior) + total) == pytest.approx(2 / (1 / 9 + each), rel=1e-6)
+
+
+def test_the_cost_of_a_tree_is_the_weighted_sum_of_traces_along_each_path():
+    """(11): information adds up from the root; (13): sum of w tr J^-1, by numpy on the paths written out."""
+    rng = np.random.default_rng(3)
+    parents = np.array([-1, 0, 0, 1, 3, 2])
+    gains = rng.normal(size=(5, 2, 3, 2, 2))
+    gains = gains @ gains.swapaxes(-1, -2)
+    weights = np.array([0.5, 0.3, 0.2])
+    fisher, cost = np.zeros((6, 3, 2, 2)), np.zeros(6)
+    fisher[0] = np.eye(2) / np.array([4.0, 9.0, 25.0])[:, None, None]
+    accumulate(parents, gains, weights, 1, 6, fisher, cost)
+    for node in range(1, 6):
+        total, at = fisher[0].copy(), node
+        while at > 0:
+            total += gains[at - 1].sum(axis=0)
+            at = parents[at]
+        expected = sum(w * np.trace(np.linalg.inv(j)) for w, j in zip(weights, total, strict=True))
+        assert cost[node] == pytest.approx(expected, rel=1e-9)
