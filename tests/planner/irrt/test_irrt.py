@@ -185,7 +185,7 @@ def test_value_iteration_gives_the_shortest_ways(seed):
 @pytest.mark.parametrize("looks", [3, 4, 7, 12])
 @pytest.mark.parametrize("metres", [2.0, 6.0])
 def test_looks_from_all_around_leave_what_the_closed_form_of_11_to_13_says(looks, metres):
-    """m looks from equally spaced directions at r: J = m p_D / 2 (1/s_r^2 + 1/(r s_b)^2) I, or without s_r."""
+    """m looks from equally spaced directions at r: J = m p_D / 2 (1/s_r^2 + 1/(r s_b)^2) I (or no s_r)."""
     target, bearing = np.array([[20.0], [20.0]]), math.radians(3.0)
     angles = 2 * np.pi * np.arange(looks) / looks
     poses = np.zeros((looks, 4))
