@@ -15,6 +15,7 @@ from agents.plugins import load
 from estimator.exploration import Exploration
 from estimator.filter import Area
 from estimator.sensors.range_bearing import RangeBearing
+from planner.allocation.desk import Assignment
 from planner.plan import Budget, Commitment, Intensity, Plan, PlannerSetup, PlanProblem, Trajectory
 from planner.vehicles.quadrotor import Quadrotor
 from planner.vehicles.unicycle import Unicycle
@@ -167,6 +168,18 @@ def _damaged_others(problem: PlanProblem) -> PlanProblem:
     return _emptied(problem, others=(broken, nothing))
 
 
+def _no_tasks(problem: PlanProblem) -> PlanProblem:
+    """What a team that shares its tasks gives a robot when there are none."""
+    return _emptied(_all_done(problem), context={"assignment": Assignment((), ())})
+
+
+def _one_place(problem: PlanProblem) -> PlanProblem:
+    e = problem.exploration
+    return _emptied(
+        _no_clusters(problem), exploration=Exploration(np.ones([1] * e.values.ndim), e.low, e.high)
+    )
+
+
 AWKWARD: dict[str, Callable[[PlanProblem], PlanProblem]] = {
     "one robot": _alone,
     "two hundred others": _two_hundred,
@@ -176,6 +189,8 @@ AWKWARD: dict[str, Callable[[PlanProblem], PlanProblem]] = {
     "empty intensity": _empty_intensity,
     "all explored": _explored,
     "nothing left": _all_done,
+    "no tasks": _no_tasks,
+    "a grid of one place": _one_place,
     "damaged beliefs": _damaged_beliefs,
     "outside the area": lambda p: _emptied(p, state=p.state + 500.0 * (np.arange(p.state.size) < 1)),
     "state not finite": lambda p: _emptied(p, state=np.full_like(p.state, np.nan)),
@@ -214,6 +229,7 @@ def check(plan: Plan, problem: PlanProblem, setup: PlannerSetup) -> None:
     assert all(math.isfinite(value) for value in plan.terms.values())
     way = plan.trajectory
     if way is None:
+        assert plan.reason.startswith("holds")
         return
     vehicle = setup.vehicles[problem.robot]
     for values in (way.waypoint, way.measure_times, way.measure_poses, way.times, way.poses, way.end_state):

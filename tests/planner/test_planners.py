@@ -110,6 +110,36 @@ def test_a_team_planner_has_one_plan_for_each_robot(kind: str) -> None:
     assert planner.plan_jointly(()) == ()
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_team_planner_has_a_plan_for_each_of_two_hundred(kind: str) -> None:
+    names = [f"r{i:03d}" for i in range(200)]
+    base = contract.team("drones_2d", "a")
+    setup = dataclasses.replace(
+        base,
+        vehicles=dict.fromkeys(names, base.vehicles["a"]),
+        sensors=dict.fromkeys(names, base.sensors["a"]),
+    )
+    planner = contract.planner(kind, setup)
+    if not isinstance(planner, TeamPlanner):
+        pytest.skip("plans for one robot at a time")
+    first = contract.ordinary(base)
+    rng = np.random.default_rng(0)
+    problems = tuple(
+        dataclasses.replace(
+            first,
+            robot=name,
+            state=contract.state(setup, name, *rng.uniform(0.0, contract.SIDE, 2), 0.0),
+            others=(),
+            deadline_s=0.3,
+        )
+        for name in names
+    )
+    plans = planner.plan_jointly(problems)
+    assert len(plans) == 200
+    for plan, problem in zip(plans, problems, strict=True):
+        contract.check(plan, problem, setup)
+
+
 def test_the_checks_can_fail() -> None:
     setup = contract.team("drones_2d")
     problem = contract.ordinary(setup)

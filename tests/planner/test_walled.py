@@ -7,6 +7,8 @@ import pytest
 
 from agents.plugins import kinds
 from planner.budget import metres, way_to
+from planner.ground.frame import OPEN, SOLID
+from planner.ground.grid_ground import GridGround
 from planner.plan import Budget, Plan, PlannerSetup, PlanProblem
 from tests.planner import contract, walled
 
@@ -75,6 +77,19 @@ def test_a_robot_in_a_closed_yard_stays_there(kind: str) -> None:
     setup = walled.team("ground_2d")
     problem = walled.standing_at(contract.ordinary(setup), setup, walled.IN_THE_YARD)
     planned(kind, "ground_2d", setup, problem)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_robot_without_a_single_candidate_holds_and_says_so(kind: str) -> None:
+    """All around the cell in which it stands is blocked."""
+    setup = contract.team("ground_2d")
+    cells = np.full((1, 120, 120), SOLID, dtype=np.uint8)
+    cells[0, 36, 24] = OPEN
+    setup = dataclasses.replace(setup, ground=GridGround(cells, 0.5, np.zeros(3)))
+    problem = walled.standing_at(contract.ordinary(setup), setup, (12.25, 18.25))
+    plan = contract.planner(kind, setup).plan(problem)
+    contract.check(plan, problem, setup)
+    assert plan.trajectory is None, plan.reason
 
 
 @pytest.mark.parametrize("kind", KINDS)
