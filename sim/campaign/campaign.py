@@ -9,7 +9,8 @@ from agents.invariants import Report, RunHistory, check
 from agents.invariants.sets import recovery_limit_s
 from agents.mission.mission import Mission
 from agents.team import Team
-from sim.campaign.faults import SLOWEST_S, Clock, Schedule, random_schedule, stage
+from sim.campaign.draws import SLOWEST_S, cast_of, random_schedule, stage
+from sim.campaign.faults import Clock, Schedule
 from sim.campaign.injector import Injector
 from sim.engine.engine import Engine
 
@@ -35,6 +36,7 @@ class Trial:
 
 def schedule_of(mission: Mission, seed: int) -> Schedule:
     """The seed's faults. The end of the mission is calm, for as long as a set may take to come."""
+    mission = cast_of(mission, seed)
     calm = recovery_limit_s(mission, SLOWEST_S)
     end = max(BEGIN_S + 3.0, mission.duration_s - calm)
     return random_schedule(seed, stage(mission, begin=BEGIN_S, end=end))
@@ -59,7 +61,7 @@ def run(mission: Mission, schedule: Schedule, seed: int) -> tuple[Engine, RunHis
 
 def trial(mission: Mission, seed: int, *, keep: bool = False) -> Trial:
     """One seed of the campaign, checked. `keep` its history."""
-    schedule = schedule_of(mission, seed)
+    schedule, mission = schedule_of(mission, seed), cast_of(mission, seed)
     engine, history = run(mission, schedule, seed)
     report = check(history)
     if seed % TWICE_EVERY == 0:

@@ -21,6 +21,7 @@ from agents.mission.mission import Mission
 from agents.mission.mission_file import load
 from agents.swarm.run_directory import RunDirectory, write_json
 from sim.campaign.campaign import Trial, trial
+from sim.campaign.faults import describe
 from sim.simulate.simulate import parse_seeds
 
 EXAMPLE = "campaign"
@@ -35,7 +36,8 @@ def campaign(
     jobs: Annotated[int, typer.Option(min=0, help="Processes at work; 0: one per core.")] = 0,
     verbose: Annotated[bool, typer.Option("--verbose", help="Show each seed's faults and measures.")] = False,
     json: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write what was found here; - for stdout.")
+        Path | None,
+        typer.Option(metavar="FILE", help="Write what was found, seed by seed, here; - for stdout."),
     ] = None,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Keep the run directory of each failing seed here.")
@@ -65,7 +67,7 @@ def campaign(
         raise typer.Exit(int(bool(report.violations)))
     numbers = [seed] if seed is not None else parse_seeds(seeds)
     resolved = load(mission)
-    found: dict[str, Any] = {"mission": resolved.name, "seeds": len(numbers), "failed": []}
+    found: dict[str, Any] = {"mission": resolved.name, "seeds": len(numbers), "failed": [], "each": []}
     counts: Counter[str] = Counter()
     measured = Report()
     with ExitStack() as stack:
@@ -74,6 +76,7 @@ def campaign(
         task = progress.add_task(f"campaign of {resolved.name}", total=len(numbers))
         for made in _trials(stack, resolved, numbers, jobs or os.cpu_count() or 1, out is not None):
             progress.advance(task)
+            found["each"].append(_numbers(made))
             counts.update(made.report.counts)
             for name, value in made.report.measured.items():
                 (measured.least if name == "separation_m" else measured.most)(name, value)
@@ -86,6 +89,7 @@ def campaign(
                 found["failed"].append(_record(made, mission))
                 if out is not None:
                     _keep(made, resolved, out)
+    found["each"].sort(key=lambda numbers: numbers["seed"])
     found |= {"counts": dict(sorted(counts.items())), "measured": dict(sorted(measured.measured.items()))}
     _tell_all(console, found)
     if json is not None and str(json) == "-":
@@ -118,6 +122,19 @@ def _record(made: Trial, mission: str) -> dict[str, Any]:
         "broken": made.report.broken,
         "violations": [str(violation) for violation in made.report.violations],
         "repeat": repeat_command(mission, made.seed),
+    }
+
+
+def _numbers(made: Trial) -> dict[str, Any]:
+    """What was looked at in one seed, the worst that it met, and what breaks."""
+    report = made.report
+    return {
+        "seed": made.seed,
+        "faults": [describe(fault) for fault in made.schedule.faults],
+        "broken": report.broken,
+        "counts": dict(sorted(report.counts.items())),
+        "measured": dict(sorted(report.measured.items())),
+        "log": made.log_hash,
     }
 
 
