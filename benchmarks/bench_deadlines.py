@@ -3,7 +3,7 @@
 import time
 from typing import Any
 
-from benchmarks.deadlines import CROWDS, PLACES, lateness, planners, together
+from benchmarks.deadlines import CROWDS, PLACES, TEAMS, lateness, planners, together
 
 
 def test_deadline_overrun(benchmark: Any, quick: bool) -> None:
@@ -16,7 +16,7 @@ def test_deadline_overrun(benchmark: Any, quick: bool) -> None:
         nonlocal count
         for kind in planners():
             rows = [row for place in PLACES for robots in crowds for row in lateness(kind, place, robots)]
-            rows += [row for place in PLACES for row in together(kind, place)]
+            rows += [row for place in PLACES for robots in TEAMS for row in together(kind, place, robots)]
             worst[kind] = max(row.over_ms for row in rows)
             count += len(rows)
 

@@ -33,6 +33,7 @@ PLACES = ("open", "depot")
 CROWDS = (1, 5, 50)
 DEADLINES_S = (0.001, 0.003, 0.01, 0.03, 0.1)
 STARTS = 4  # problems of each scene
+TEAMS = (3, 8)  # robots that are planned for at once
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,7 @@ def scene(place: str, robots: int) -> tuple[PlannerSetup, tuple[PlanProblem, ...
                 way = trajectory_to(lifted(ground, 2), vehicle, state, goal, 0.0, period)
         others.append(Commitment(name, 0, way.measure_times, way.measure_poses, way.times, way.poses, period))
     problems = []
-    for k in range(STARTS):
+    for k in range(max(STARTS, *TEAMS)):
         means = np.stack([free(rng, setup)[:2] for _ in range(6)], axis=1)
         points = np.hstack([np.repeat(means, 200, axis=1) + rng.normal(0, 1.0, (2, 1200))])
         problems.append(
@@ -140,7 +141,7 @@ def lateness(
     for _ in range(2):  # as before a robot starts: the first plan loads what is left, the second is measured
         planner.plan(replace(problems[0], start_time=1.9, deadline_s=3600.0))
     for k, deadline in enumerate(DEADLINES_S):
-        for i, problem in enumerate(problems):
+        for i, problem in enumerate(problems[:STARTS]):
             given = replace(problem, deadline_s=deadline, start_time=2.0 + 0.01 * (k * STARTS + i))
             began = clock()
             plan = planner.plan(given)
@@ -153,6 +154,7 @@ def together(
 ) -> Iterator[Late]:
     """Plans of a planner for several robots at once; nothing of one that plans for each by itself."""
     setup, problems = scene(place, robots)
+    rehearsed()
     found = plugin("planners", kind)
     planner = found(found.Config(), setup)
     if not isinstance(planner, TeamPlanner):
@@ -186,7 +188,8 @@ def main() -> None:
         for place in args.place or PLACES:
             for robots in args.robots or CROWDS:
                 show(f"{kind:26s} {place:6s} {robots:5d} ", list(lateness(kind, place, robots, clock)))
-            show(f"{kind:26s} {place:6s} joint ", list(together(kind, place, clock=clock)))
+            for robots in TEAMS:
+                show(f"{kind:26s} {place:6s} {robots} joint", list(together(kind, place, robots, clock)))
 
 
 def show(title: str, rows: list[Late]) -> None:

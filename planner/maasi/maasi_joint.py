@@ -80,7 +80,7 @@ class MaasiJoint:
         plans = self._in_turn(problems, deadline, 0.5)
         each = began - deadline.left()
         if LATE in [plan.reason for plan in plans]:
-            return self._in_turn(problems, deadline, 1.0)
+            return plans if deadline.over() else self._in_turn(problems, deadline, 1.0)
         if deadline.left() < 2.0 * each:
             return plans
         return self._jointly(problems, deadline) or plans
@@ -96,8 +96,11 @@ class MaasiJoint:
             others = _without(problem, planning)
             share = part * deadline.left() / (len(problems) - index)
             share = problem.deadline_s if math.isnan(problem.deadline_s) else share
-            given = replace(problem, others=(*others, *known), deadline_s=share)
-            plans.append(self.single.plan(given))
+            if deadline.over() and not math.isnan(share):
+                plans.append(Plan(None, unplannable(problem, self.setup) or LATE))
+            else:
+                given = replace(problem, others=(*others, *known), deadline_s=share)
+                plans.append(self.single.plan(given))
             known += self._standing_or_going(problem, plans[-1])
         return tuple(plans)
 
