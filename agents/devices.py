@@ -116,6 +116,10 @@ class LiveVehicle(Vehicle):
         """Ten times a second: steer. The team was heard `team_age` seconds ago."""
 
     @abstractmethod
+    def astray(self, now: float) -> bool:
+        """Whether its way is to be reckoned anew, as it is not where it should be by now."""
+
+    @abstractmethod
     def news(self) -> list[tuple[str, str]]:
         """What people should read, each once: level ("info", "warning", "error") and text."""
 
@@ -166,6 +170,10 @@ class LiveSensor(ABC):
     @abstractmethod
     def arrived(self, now: float, poses: Poses) -> list[Seen]:
         """The sets that came since the last call, in the order of their capture; `now` is team time."""
+
+    @abstractmethod
+    def astray(self, now: float) -> bool:
+        """Whether its way is to be reckoned anew, as it is not where it should be by now."""
 
     @abstractmethod
     def news(self) -> list[tuple[str, str]]:

@@ -4,7 +4,7 @@ import time
 from collections.abc import Sequence
 
 from agents.devices import LiveVehicle, VehicleHealth
-from agents.machine import Event, Heard
+from agents.machine import Delayed, Event, Heard
 from agents.process.shell import Shell
 from agents.team import Team
 from agents.wire.messages import ResumeMessage
@@ -105,5 +105,7 @@ class Piloting:
         if self._leaving:
             return
         vehicle.tend(shell.clock.now(), time.monotonic() - self._heard)
+        if vehicle.astray(shell.clock.now()):
+            shell.tell(Delayed())
         for level, text in vehicle.news():
             shell.announce(text, level)

@@ -211,6 +211,9 @@ class MavlinkVehicle(LiveVehicle):
             self._captured = self._clock.now() - (time.monotonic() - report.captured)
         return report
 
+    def astray(self, now: float) -> bool:
+        return self.steering.astray(now, self._position)
+
     # For people
 
     def news(self) -> list[tuple[str, str]]:

@@ -8,7 +8,8 @@ from estimator.arrays import FloatArray
 from planner.plan import Trajectory, VehicleModel
 
 AHEAD_S = 1.2  # a place so far ahead on the trajectory: position controllers lag about a second behind
-WAIT_S = 2.0  # a way that should begin waits so long for the one before to end
+AMEND_S = 2.0  # between two times that its way is reckoned anew
+WAIT_S = 4.0  # a way that should begin waits so long for the one before to end
 UP_M = 0.7  # so near to its start's altitude it is up
 
 
@@ -27,6 +28,7 @@ class Steering:
         self._next: Trajectory | None = None
         self._held: FloatArray | None = None
         self.aside: FloatArray | None = None  # (3,) to keep apart from others
+        self._amended = -np.inf
         self._waypoints = 0
         self._nearest = np.inf  # m to the waypoint of the way
         self._last_m: float | None = None
@@ -110,6 +112,20 @@ class Steering:
     def _near(self, waypoint: FloatArray, here: FloatArray) -> bool:
         axes = 3 if self._flies else 2
         return float(np.linalg.norm((here - waypoint)[:axes])) <= self._config.tolerance_m
+
+    def astray(self, now: float, here: FloatArray) -> bool:
+        """Whether it is so far from where it should be by now that its way is to be reckoned anew."""
+        way = self._way
+        if not self.up or way is None or self.aside is not None or now < self._amended + AMEND_S:
+            return False
+        if not way.start_time < now < way.end_time:
+            return False
+        planned = np.array([np.interp(now, way.times, way.poses[:, axis]) for axis in range(3)])
+        axes = 3 if self._flies else 2
+        if np.linalg.norm((here - planned)[:axes]) <= 1.0 + self._config.speed_m_s:
+            return False
+        self._amended = now
+        return True
 
     def arrived(self, here: FloatArray) -> bool:
         """At the waypoint last given, or none was given."""

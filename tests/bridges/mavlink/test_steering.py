@@ -130,3 +130,16 @@ def test_given_back_it_begins_where_it_then_is() -> None:
     one.begin()
     assert not one.up
     assert one.target(9.0, np.array([40.0, 41.0, 3.0])) == pytest.approx([40.0, 41.0, 12.0])
+
+
+def test_far_from_where_it_should_be_its_way_is_reckoned_anew_from_time_to_time() -> None:
+    one = flying(speed_m_s=4.0)
+    leg = way(one, 90.0, 10.0, 0.0)
+    one.follow(leg, 0.0, HIGH)
+    planned = np.array([np.interp(8.0, leg.times, leg.poses[:, axis]) for axis in range(3)])
+    assert not one.astray(8.0, planned - [4.9, 0.0, 0.0])
+    assert one.astray(8.0, planned - [5.1, 0.0, 0.0])
+    assert not one.astray(9.0, HIGH)  # that was just done
+    assert one.astray(10.1, HIGH)
+    one.aside = np.array([20.0, 30.0, 12.0])
+    assert not one.astray(13.0, HIGH)  # others are kept apart from, which has its own ways
