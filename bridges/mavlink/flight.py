@@ -228,7 +228,8 @@ class Flight:
     def _down(self, now: float, report: VehicleReport, task: Task) -> list[Message]:
         """Landing or returning: the autopilot's own mode does it; until it is there, setpoints go on."""
         if not report.armed:
-            self._say("info", "it has landed and is disarmed")
+            stands = "has landed" if self.autopilot.body == "copter" else "stands"
+            self._say("info", f"it {stands} and is disarmed")
             self._enter("ready", now)
             return []
         if isinstance(task, Land) and self.phase == "returning":

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from bridges.mavlink.autopilot import Failsafe
 from bridges.mavlink.pilot import Pilot
 from bridges.mavlink.port import LinkState
+from bridges.mavlink.vehicle_state import VehicleReport
 from estimator.arrays import FloatArray
 
 
@@ -65,6 +66,17 @@ class PilotReport:
         return found
 
 
+def home_of(vehicle: VehicleReport) -> tuple[float, float, float] | None:
+    """Its home; that of a rover is as high as its origin.
+
+    An ArduPilot rover sets its home before its estimator knows its altitude, and keeps that: measured with
+    4.6, the home of one that stands 488 m above the sea is at 0.14 m.
+    """
+    if vehicle.body != "rover" or vehicle.home is None:
+        return vehicle.home
+    return None if vehicle.origin is None else (*vehicle.home[:2], vehicle.origin[2])
+
+
 def report_of(now: float, pilot: Pilot, counters: Mapping[str, int]) -> PilotReport:
     """A snapshot of a pilot and its vehicle."""
     vehicle, flight = pilot.vehicle, pilot.flight
@@ -94,7 +106,7 @@ def report_of(now: float, pilot: Pilot, counters: Mapping[str, int]) -> PilotRep
         velocity=vehicle.velocity,
         attitude=vehicle.attitude,
         where=vehicle.where,
-        home=vehicle.home,
+        home=home_of(vehicle),
         origin=vehicle.origin,
         battery=vehicle.battery,
         voltage=vehicle.voltage,

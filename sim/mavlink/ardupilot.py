@@ -158,6 +158,11 @@ class ArduPilot(Autopilot):
         home = self.home_local()
         self.guidance.back(home, home[2] - height, lands=self.settings.type == "copter")
 
+    def first_home(self) -> tuple[float, float, float]:
+        """A rover's is set before its estimator knows its altitude, and kept."""
+        latitude, longitude, altitude = super().first_home()
+        return latitude, longitude, altitude if self.settings.type == "copter" else 0.14
+
     # --- arming ---
 
     def arming_trouble(self) -> str | None:

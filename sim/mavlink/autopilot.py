@@ -130,6 +130,10 @@ class Autopilot(ABC):
     def home_local(self) -> Vector:
         return self.local(*(self.home or self.origin))
 
+    def first_home(self) -> Geodetic:
+        """The home that it gives itself where it stands."""
+        return self.geodetic(self.body.position)
+
     def item_target(self, item: Item) -> Vector:
         """Where a mission item is; degrees of 0, 0 mean here."""
         north, east, down = self.body.position
@@ -242,7 +246,7 @@ class Autopilot(ABC):
         for fault in self.faults.due(self.switched_on()):
             self._strike(fault.kind, fault.value)
         if self.home is None and self.has_position():
-            self.home = self.geodetic(self.body.position)
+            self.home = self.first_home()
             self.send(telemetry.home_position(self))
             self.send(telemetry.gps_global_origin(self))
         self.battery.spend(TICK, self.armed and not self.body.on_ground)

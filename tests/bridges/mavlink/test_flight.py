@@ -227,6 +227,16 @@ def test_a_rover_is_driven_where_the_velocity_points_not_where_it_should_look() 
     assert all(mask & 0x400 and mask & 0x800 for mask in masks)
 
 
+def test_a_rover_s_home_is_as_high_as_its_origin_whatever_it_says() -> None:
+    air = Air(ROVER)
+    air.fly(8.0)
+    assert air.pilot.vehicle.home is not None
+    assert air.pilot.vehicle.home[2] == pytest.approx(0.14)
+    assert air.report.origin is not None
+    assert air.report.home == (*air.pilot.vehicle.home[:2], air.report.origin[2])
+    assert air.report.home[2] == pytest.approx(488.0)
+
+
 def test_a_rover_returns_stops_and_is_disarmed() -> None:
     air = Air(ROVER)
     air.want(GoTo(np.array([10.0, 0.0, 0.0])))
