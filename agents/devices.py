@@ -172,10 +172,6 @@ class LiveSensor(ABC):
         """The sets that came since the last call, in the order of their capture; `now` is team time."""
 
     @abstractmethod
-    def astray(self, now: float) -> bool:
-        """Whether its way is to be reckoned anew, as it is not where it should be by now."""
-
-    @abstractmethod
     def news(self) -> list[tuple[str, str]]:
         """What people should read, each once: level ("info", "warning", "error") and text."""
 
