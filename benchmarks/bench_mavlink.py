@@ -26,7 +26,10 @@ def test_mavlink_bridge_load(benchmark: Any, quick: bool) -> None:
     found: list[float] = []
     benchmark.pedantic(lambda: found.append(load(10, 3.0 if quick else 6.0)), rounds=1)
     benchmark.extra_info.update(
-        value=found[0], unit="% of a core", asked=8.0, note="one of ten bridges in one process, all flying"
+        value=found[0],
+        unit="% of a core",
+        asked=8.0,
+        note="one of ten vehicles of the mission's kind in one process, all on a way",
     )
     assert found[0] > 0
 

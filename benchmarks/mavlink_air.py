@@ -9,11 +9,17 @@ from typing import Any
 
 import numpy as np
 
+from agents.clock import TeamClock
+from agents.devices import DeviceContext
 from bridges.mavlink.bridge import Bridge
+from bridges.mavlink.device import MavlinkVehicle
 from bridges.mavlink.dialect import mavlink
+from bridges.mavlink.kind import MavlinkConfig, MavlinkKind
 from bridges.mavlink.pilot_config import PilotConfig
 from bridges.mavlink.port import Port
 from bridges.mavlink.wanted import GoTo, Wanted
+from estimator.arrays import FloatArray
+from estimator.filter import Area
 from sim.mavlink.serve import Served
 from sim.mavlink.settings import Settings
 
@@ -61,15 +67,53 @@ def flying(urls: list[str], stack: ExitStack) -> list[Bridge]:
     raise RuntimeError(f"not all are flying: {[bridge.report().trouble for bridge in bridges]}")
 
 
+class _NoTargets:
+    def targets(self, time: float) -> FloatArray:
+        return np.zeros((2, 0))
+
+
+def piloted(urls: list[str], stack: ExitStack) -> list[tuple[MavlinkVehicle, TeamClock]]:
+    """Vehicles as robots have them, up and following a way."""
+    area, start = Area(np.zeros(2), np.full(2, 200.0)), np.array([5.0, 100.0, 3.0, 0.0])
+    made = []
+    for index, url in enumerate(urls):
+        config = MavlinkConfig(url=url, system_id=index + 1, take_off_m=2.0)
+        vehicle = MavlinkKind.connect(config, DeviceContext("r", 0, area, _NoTargets(), start))
+        assert isinstance(vehicle, MavlinkVehicle)
+        stack.callback(vehicle.close)
+        vehicle.prepare()
+        clock = TeamClock(time.time())
+        vehicle.join(clock)
+        made.append((vehicle, clock))
+    end = time.monotonic() + 40
+    while not all(vehicle.state(clock.now()).able for vehicle, clock in made):
+        if time.monotonic() > end:
+            raise RuntimeError(f"not all are flying: {made}")
+        tend(made)
+        time.sleep(0.1)
+    model = MavlinkKind.model(MavlinkConfig(url=urls[0]), area)
+    for vehicle, clock in made:
+        now = clock.now()
+        way = model.trajectory(vehicle.state(now).state, np.array([195.0, 100.0, 3.0]), now, 1.0)
+        vehicle.follow(way, now)
+    return made
+
+
+def tend(made: list[tuple[MavlinkVehicle, TeamClock]]) -> None:
+    """What a robot's process does ten times a second, and a look at the pose as often."""
+    for vehicle, clock in made:
+        now = clock.now()
+        vehicle.tend(now, 0.0)
+        vehicle.state(now)
+
+
 def load(count: int, seconds: float) -> float:
-    """Per cent of a core that one bridge takes, all of them flying at 10 Hz both ways."""
+    """Per cent of a core that one bridged vehicle takes, all of them on a way, at 10 Hz both ways."""
     with vehicles(count) as urls, ExitStack() as stack:
-        bridges = flying(urls, stack)
+        made = piloted(urls, stack)
         used, begin = time.process_time(), time.monotonic()
         while time.monotonic() - begin < seconds:
-            for bridge in bridges:
-                bridge.want(Wanted(GoTo(np.array([0.0, 0.0, -2.0]))))
-                bridge.report()
+            tend(made)
             time.sleep(0.1)
         return 100 * (time.process_time() - used) / (time.monotonic() - begin) / count
 
