@@ -63,8 +63,9 @@ class WayFlight(Flight):
             self._ways.want(task)
             self.trouble = self._ways.trouble
             if self._ways.on_board is task:
+                self._way, self._ended, self._moved = task, self._ways.ended, now
+            if self._ways.on_board is task and not self._ended:
                 self._ways.begin()
-                self._way, self._ended, self._moved = task, False, now
                 self._enter("following", now)
         return out
 

@@ -21,7 +21,7 @@ from bridges.mavlink.port import LinkState
 from bridges.mavlink.safety import Reserve
 from bridges.mavlink.timesync import TimeSync
 from bridges.mavlink.vehicle_state import VehicleReport
-from bridges.mavlink.wanted import Drive, GoTo, TakeOff, Wanted, Way
+from bridges.mavlink.wanted import Drive, GoTo, Hold, TakeOff, Wanted, Way
 from bridges.mavlink.ways import Ways
 
 LOST = 4.5  # s without a heartbeat
@@ -223,6 +223,8 @@ class Pilot:
         task = wanted.task
         if flight.ours:
             task = self.reserve.task(now, self.vehicle, wanted, robot_age)
+            if flight.phase == "following" and isinstance(task, Hold):
+                task = wanted.task  # what is followed without us needs no link, and holding needs one
             flight.grounded |= self.reserve.grounds
         out = flight.step(now, self.vehicle, task, self.reasons)
         trouble = flight.trouble

@@ -40,11 +40,16 @@ class Ways:
         self._not_before = 0.0
         self._begin = False
         self.on_board: Way | None = None
-        self.ended = False  # the last item of what is on board was reached
+        self._next = 0  # item of what is on board that was not reached yet
         self.trouble = ""  # why what is wanted is not on board
 
     def __repr__(self) -> str:
         return f"Ways(on_board={self.on_board is not None}, ended={self.ended}, {self.trouble!r})"
+
+    @property
+    def ended(self) -> bool:
+        """Whether the last item of what is on board was reached."""
+        return self.on_board is not None and self._next >= len(self.on_board.items)
 
     def want(self, way: Way) -> None:
         """Put this on board, if it is not there."""
@@ -52,18 +57,19 @@ class Ways:
             self._wanted, self._upload, self._not_before = way, None, 0.0
 
     def begin(self) -> None:
-        """What is on board is flown from its first item."""
-        self.ended, self._begin = False, True
+        """What is on board is flown, from where it was left if it was begun before."""
+        self._begin = True
 
     def step(self, now: float, received: list[Message]) -> list[Message]:
         """Upload, and listen."""
         for message in received:
             if message.get_type() == "MISSION_ITEM_REACHED" and self.on_board is not None:
-                self.ended |= message.seq == len(self.on_board.items) - 1 + self._home_first
+                self._next = max(self._next, message.seq + 1 - self._home_first)
         out: list[Message] = []
         if self._begin:
             self._begin = False
-            out.append(mavlink.MAVLink_mission_set_current_message(*self._vehicle, int(self._home_first)))
+            number = self._next + self._home_first
+            out.append(mavlink.MAVLink_mission_set_current_message(*self._vehicle, number))
         if self._wanted is None or self._wanted is self.on_board or now < self._not_before:
             return out
         if self._upload is None:
@@ -76,6 +82,6 @@ class Ways:
             if self.trouble:
                 self._not_before = now + AGAIN
             else:
-                self.on_board, self.ended = self._wanted, False
+                self.on_board, self._next = self._wanted, 0
             self._upload = None
         return out

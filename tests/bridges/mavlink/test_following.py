@@ -5,7 +5,7 @@ import pytest
 
 from bridges.mavlink.frames import LocalFrame, TeamFrame
 from bridges.mavlink.pilot_config import PilotConfig
-from bridges.mavlink.wanted import GoTo, Land, Return, Way
+from bridges.mavlink.wanted import GoTo, Hold, Land, Return, Way
 from bridges.mavlink.ways import way_of
 from sim.mavlink.settings import Settings
 from tests.bridges.mavlink.air import Air
@@ -75,6 +75,7 @@ def test_a_way_is_flown_by_itself_to_its_end_and_held_there_by_us(autopilot: str
 def test_a_link_that_is_gone_on_the_way_does_not_stop_it(autopilot: str) -> None:
     air = bench(autopilot)
     wanted = following(air)
+    begin = air.now
     air.cut = True
     nearest = np.inf
     for _ in range(90):
@@ -86,6 +87,37 @@ def test_a_link_that_is_gone_on_the_way_does_not_stop_it(autopilot: str) -> None
     air.cut = False
     assert air.until(lambda: air.at(wanted.route[-1], 1.2), 90.0), (air.report, air.said())
     assert air.report.ours
+    assert air.count("MISSION_SET_CURRENT", begin) == 0  # it was not begun again
+
+
+@BOTH
+def test_a_way_that_was_left_is_flown_on_from_where_it_was(autopilot: str) -> None:
+    air = bench(autopilot)
+    wanted = following(air)
+    second = wanted.route[1]
+
+    def near() -> bool:
+        position = air.report.position
+        return position is not None and float(np.linalg.norm(position - second)) < 1.0
+
+    assert air.until(near, 60.0)
+    air.fly(3.0)
+    air.want(Hold())
+    assert air.until(lambda: air.report.phase == "flying", 30.0), (air.report, air.said())
+    air.fly(3.0)
+    begin = air.now
+    air.want(wanted)
+    nearest = [np.inf]
+
+    def there() -> bool:
+        position = air.report.position
+        if position is not None:
+            nearest[0] = min(nearest[0], float(np.linalg.norm(position - wanted.route[0])))
+        return air.report.phase == "flying" and air.at(wanted.route[-1], 1.2)
+
+    assert air.until(there, 90.0), (air.report, air.said())
+    assert nearest[0] > 5.0  # not to the first corner again
+    assert air.count("MISSION_COUNT", begin) == 0
 
 
 @BOTH
