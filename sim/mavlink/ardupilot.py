@@ -6,8 +6,10 @@ when asked, GCS failsafe that counts SYSID_MYGCS only) or follows its documentat
 
 import math
 from collections.abc import Callable
+from functools import partial
 
 from bridges.mavlink.dialect import Message
+from sim.mavlink import ardupilot_commands as does
 from sim.mavlink import telemetry
 from sim.mavlink.ardupilot_failsafes import NEED_NO_POSITION, RETURNING, Failsafes
 from sim.mavlink.autopilot import CRITICAL, INFO, TICK, WARNING, Autopilot
@@ -16,7 +18,6 @@ from sim.mavlink.body import Limits
 from sim.mavlink.commands import (
     ACCEPTED,
     ARM_DISARM,
-    DENIED,
     FAILED,
     FORCE,
     LAND,
@@ -61,7 +62,7 @@ class ArduPilot(Autopilot):
     def __init__(self, settings: Settings) -> None:
         self.modes = COPTER_MODES if settings.type == "copter" else ROVER_MODES
         self.holding = "LOITER" if settings.type == "copter" else "HOLD"
-        self._last_setpoint = 0.0
+        self.last_setpoint = 0.0
         table = ARDUCOPTER if settings.type == "copter" else ARDUROVER
         changed = {"SYSID_THISMAV": settings.system_id} | settings.parameters
         super().__init__(
@@ -76,20 +77,20 @@ class ArduPilot(Autopilot):
             ARM_DISARM: self._arm_disarm,
             SET_MODE_COMMAND: lambda c: self._change_mode(c.params[0], c.params[1]),
             11: lambda c: self._change_mode(c.params[0], c.params[1]),
-            RETURN: lambda _: self._simple_mode("RTL"),
-            17: lambda _: self._simple_mode("LOITER"),
-            300: self._start_mission,
-            REPOSITION: self._reposition,
-            178: self._change_speed_command,
-            193: self._pause,
-            207: self._enable_fence,
+            RETURN: lambda _: self.simple_mode("RTL"),
+            17: lambda _: self.simple_mode("LOITER"),
+            300: partial(does.start_mission, self),
+            REPOSITION: partial(does.reposition, self),
+            178: partial(does.change_speed_command, self),
+            193: partial(does.pause, self),
+            207: partial(does.enable_fence, self),
             401: self._check_arming,
         }
         if settings.type == "copter":
             self.commands |= {
-                TAKEOFF: self._take_off,
-                LAND: lambda _: self._simple_mode("LAND"),
-                115: self._yaw,
+                TAKEOFF: partial(does.take_off, self),
+                LAND: lambda _: self.simple_mode("LAND"),
+                115: partial(does.yaw, self),
             }
 
     # --- modes ---
@@ -141,7 +142,7 @@ class ArduPilot(Autopilot):
                 return "Auto: Missing Takeoff Cmd"
         return None
 
-    def _simple_mode(self, mode: str) -> int:
+    def simple_mode(self, mode: str) -> int:
         return FAILED if self.set_mode(mode) else ACCEPTED
 
     def _change_mode(self, base: float, number: float) -> int:
@@ -151,7 +152,7 @@ class ArduPilot(Autopilot):
         if name is None:
             self.say(WARNING, f"No such mode {int(number)}")
             return FAILED
-        return self._simple_mode(name)
+        return self.simple_mode(name)
 
     def begin_return(self) -> None:
         height = self.parameters["RTL_ALT"] / 100 if self.settings.type == "copter" else 0.0
@@ -208,59 +209,11 @@ class ArduPilot(Autopilot):
 
     # --- flying ---
 
-    def _take_off(self, command: Command) -> int:
-        height = command.z
-        ready = self.armed and self.mode == "GUIDED" and self.body.on_ground and self.has_position()
-        if not ready or not math.isfinite(height) or height <= 0.0:
-            return FAILED
-        self.guidance.take_off(self.home_local()[2] - height)
-        return ACCEPTED
-
-    def _start_mission(self, command: Command) -> int:
-        if self.set_mode("AUTO"):
-            return FAILED
-        self.mission.start()
-        return ACCEPTED
-
-    def _reposition(self, command: Command) -> int:
-        if command.frame is None:
-            return 8  # COMMAND_INT_ONLY
-        if not command.has_place:
-            return DENIED
-        if self.mode != "GUIDED" and (not int(command.params[1]) & 1 or self.set_mode("GUIDED")):
-            return DENIED
-        base = (self.home or self.origin)[2] if command.frame in (3, 6) else 0.0
-        self.guidance.goto(self.local(command.x, command.y, command.z + base))
-        self._last_setpoint = math.inf
-        return ACCEPTED
-
-    def _change_speed_command(self, command: Command) -> int:
-        if command.params[1] <= 0:
-            return DENIED
-        self.change_speed(command.params[1])
-        return ACCEPTED
-
     def change_speed(self, speed: float) -> None:
         if self.settings.type == "copter":
             self.parameters["WPNAV_SPEED"] = speed * 100
         else:
             self.parameters["WP_SPEED"] = speed
-
-    def _yaw(self, command: Command) -> int:
-        angle = math.radians(command.params[0])
-        relative = command.params[3] == 1.0
-        self.guidance.yaw = (self.body.yaw if relative else 0.0) + angle
-        return ACCEPTED
-
-    def _pause(self, command: Command) -> int:
-        if self.mode not in ("GUIDED", "AUTO"):
-            return FAILED
-        self.guidance.hold()
-        return ACCEPTED
-
-    def _enable_fence(self, command: Command) -> int:
-        self.parameters["FENCE_ENABLE"] = 1.0 if command.params[0] == 1.0 else 0.0
-        return ACCEPTED
 
     def setpoint(self, message: Message) -> None:
         """A whole group or nothing: one ignored or unknown axis discards the group that it is in."""
@@ -275,10 +228,10 @@ class ArduPilot(Autopilot):
         if wanted.whole(wanted.position):
             if self.inside_fence(wanted.position):
                 self.guidance.goto(wanted.position, yaw, rate)
-                self._last_setpoint = math.inf  # flown and held
+                self.last_setpoint = math.inf  # flown and held
         elif wanted.whole(wanted.velocity):
             self.guidance.drive(wanted.velocity, yaw, rate)
-            self._last_setpoint = self.now
+            self.last_setpoint = self.now
 
     def plans_changed(self, kinds: set[int]) -> None:
         super().plans_changed(kinds)
@@ -327,7 +280,7 @@ class ArduPilot(Autopilot):
 
     def _time_out(self) -> None:
         driven = self.mode == "GUIDED" and self.guidance.task == "drive"
-        if driven and self.now - self._last_setpoint > self.parameters["GUID_TIMEOUT"]:
+        if driven and self.now - self.last_setpoint > self.parameters["GUID_TIMEOUT"]:
             self.guidance.hold()
 
     def _rest_disarmed(self) -> None:

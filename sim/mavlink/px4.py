@@ -6,8 +6,10 @@ axis masks, telemetry) or follows its documentation.
 
 import math
 from collections.abc import Callable
+from functools import partial
 
 from bridges.mavlink.dialect import Message
+from sim.mavlink import px4_commands as does
 from sim.mavlink import telemetry
 from sim.mavlink.autopilot import CRITICAL, INFO, TICK, WARNING, Autopilot
 from sim.mavlink.battery import Battery
@@ -76,14 +78,14 @@ class Px4(Autopilot):
             11: lambda c: self._change_mode(
                 c.params[0], float(int(c.params[1]) >> 16 & 255), float(int(c.params[1]) >> 24)
             ),
-            TAKEOFF: self._take_off,
-            LAND: lambda _: self._simple_mode("LAND"),
-            RETURN: lambda _: self._simple_mode("RTL"),
-            17: lambda _: self._simple_mode("HOLD"),
-            300: self._start_mission,
-            REPOSITION: self._reposition,
-            178: self._change_speed_command,
-            193: lambda c: self._simple_mode("MISSION" if c.params[0] else "HOLD"),
+            TAKEOFF: partial(does.take_off, self),
+            LAND: lambda _: self.simple_mode("LAND"),
+            RETURN: lambda _: self.simple_mode("RTL"),
+            17: lambda _: self.simple_mode("HOLD"),
+            300: partial(does.start_mission, self),
+            REPOSITION: partial(does.reposition, self),
+            178: partial(does.change_speed_command, self),
+            193: lambda c: self.simple_mode("MISSION" if c.params[0] else "HOLD"),
             401: self._check_arming,
         }
 
@@ -116,7 +118,7 @@ class Px4(Autopilot):
         elif mode == "MISSION":
             self.mission.start()
         elif mode == "TAKEOFF":
-            self._rise(self.parameters["MIS_TAKEOFF_ALT"] - self.home_local()[2])
+            self.rise(self.parameters["MIS_TAKEOFF_ALT"] - self.home_local()[2])
         elif self.body.on_ground:
             self.guidance.rest()
         else:
@@ -132,7 +134,7 @@ class Px4(Autopilot):
             return "no mission"
         return None
 
-    def _simple_mode(self, mode: str) -> int:
+    def simple_mode(self, mode: str) -> int:
         return BUSY if self.set_mode(mode) else ACCEPTED
 
     def _change_mode(self, base: float, main: float, sub: float) -> int:
@@ -140,7 +142,7 @@ class Px4(Autopilot):
             return DENIED
         wanted = (int(main), int(sub) if main == 4 else 0)
         name = next((name for name, value in MODES.items() if value == wanted), None)
-        return DENIED if name is None else self._simple_mode(name)
+        return DENIED if name is None else self.simple_mode(name)
 
     def begin_return(self) -> None:
         home = self.home_local()
@@ -192,45 +194,9 @@ class Px4(Autopilot):
 
     # --- flying ---
 
-    def _rise(self, height: float) -> None:
+    def rise(self, height: float) -> None:
         """To a height above the origin."""
         self.guidance.take_off(min(-height, self.body.position[2]))
-
-    def _take_off(self, command: Command) -> int:
-        """The altitude is AMSL; without one it is MIS_TAKEOFF_ALT above home."""
-        trouble = self.set_mode("TAKEOFF")
-        if trouble is not None:
-            return BUSY
-        if math.isfinite(command.z) and command.z != 0.0:
-            self._rise(command.z - self.origin[2])
-        self.say(INFO, "Takeoff detected" if self.armed else "Waiting for arming")
-        return ACCEPTED
-
-    def _start_mission(self, command: Command) -> int:
-        if self.set_mode("MISSION"):
-            return BUSY
-        if not self.mission.running:
-            self.mission.start()
-        return ACCEPTED
-
-    def _reposition(self, command: Command) -> int:
-        """The altitude is AMSL whatever the frame, as with the real one."""
-        if self.mode != "HOLD" and self.set_mode("HOLD"):
-            return BUSY
-        here = self.geodetic(self.body.position)
-        if not self.armed or self.body.on_ground:
-            return DENIED
-        place = (command.x, command.y) if command.has_place else here[:2]
-        altitude = command.z if math.isfinite(command.z) else here[2]
-        if command.params[0] > 0:
-            self.change_speed(command.params[0])
-        self.guidance.goto(self.local(*place, altitude), known(command.params[3]))
-        return ACCEPTED
-
-    def _change_speed_command(self, command: Command) -> int:
-        if command.params[1] > 0:
-            self.change_speed(command.params[1])
-        return ACCEPTED
 
     def change_speed(self, speed: float) -> None:
         self._cruise = speed
