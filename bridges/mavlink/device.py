@@ -24,7 +24,8 @@ from bridges.mavlink.placing import place
 from bridges.mavlink.signing import read_keys
 from bridges.mavlink.speed_errand import SpeedErrand
 from bridges.mavlink.steering import Steering
-from bridges.mavlink.wanted import GoTo, Land, Rest, Return, Task, Wanted
+from bridges.mavlink.wanted import GoTo, Land, Rest, Return, Task, Wanted, Way
+from bridges.mavlink.ways import way_of
 from bridges.mavlink.words import summary
 from estimator.arrays import FloatArray
 from planner.plan import Trajectory, VehicleModel
@@ -75,6 +76,9 @@ class MavlinkVehicle(LiveVehicle):
         self._velocity: FloatArray = np.zeros(3)
         self._yaw = float(context.start[3])
         self._captured: float | None = None
+        # A mission on board goes on without a link.
+        self._flying = {"flying", "following", "lost"} if config.ways == "mission" else {"flying"}
+        self._board: tuple[Trajectory, Way] | None = None  # the way that is flown as a mission
         self._travelled = 0.0
         self._ending = False
         self._paced = False  # it was told how fast it may go
@@ -140,7 +144,7 @@ class MavlinkVehicle(LiveVehicle):
         time_of_it = now if self._captured is None else min(self._captured + BELIEVED_S, now)
         ahead = 0.0 if self._captured is None else time_of_it - self._captured
         pose = np.array([*(self._position + max(ahead, 0.0) * self._velocity), self._yaw])
-        able = report.phase == "flying" and self.steering.up and not self._ending
+        able = report.phase in self._flying and self.steering.up and not self._ending
         return VehicleState(
             time=time_of_it,
             pose=pose,
@@ -171,7 +175,7 @@ class MavlinkVehicle(LiveVehicle):
             return
         report = self._look()
         self.steering.look(report.phase, self._position)
-        if report.phase in GIVEN_UP:
+        if report.phase in GIVEN_UP - self._flying:
             self.steering.begin()
             self._paced = False
         elif report.phase == "flying" and not self._paced:
@@ -188,6 +192,11 @@ class MavlinkVehicle(LiveVehicle):
     def _task(self, now: float) -> Task:
         local = self._local
         target = None if self._captured is None else self.steering.target(now, self._position)
+        way, home = self.steering.way, self._report.home
+        if self._config.ways == "mission" and way is not None and local is not None and home is not None:
+            if self._board is None or self._board[0] is not way:
+                self._board = (way, way_of(way.route, local, home, self._config.tolerance_m))
+            return self._board[1]
         return Rest() if local is None or target is None else GoTo(local.to_ned(target))
 
     def _look(self) -> PilotReport:

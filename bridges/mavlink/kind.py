@@ -51,6 +51,7 @@ class MavlinkConfig(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
     margin_m: NonNegative = 10.0  # beyond the mission's area to which it may be sent
     start_within_m: Positive = 10.0  # of its start in the mission it must stand
     ready_after_s: Positive = 25.0  # it is refused if it may not be armed by then
+    ways: Literal["setpoints", "mission"] = "setpoints"  # "mission": put on board, and flown from there
     at_end: Literal["return", "land"] = "return"  # when its robot ends
     take_flying: bool = False  # also take one that flies when it is found
     low_battery: Share = 0.2  # of its charge

@@ -87,6 +87,11 @@ class Steering:
             return self._held
         return self._ahead(self._way, now, here) if self._flies else self._leg(self._way, now)
 
+    @property
+    def way(self) -> Trajectory | None:
+        """That is flown now; None: it climbs, holds, or gives way."""
+        return self._way if self.up and self.aside is None else None
+
     def _ahead(self, way: Trajectory, now: float, here: FloatArray) -> FloatArray:
         """A place on the way, but never so far that it would be flown to faster than the mission allows."""
         when = now + AHEAD_S
