@@ -10,6 +10,7 @@ from planner.plan import Trajectory, VehicleModel
 AHEAD_S = 1.2  # a place so far ahead on the trajectory: position controllers lag about a second behind
 AMEND_S = 2.0  # between two times that its way is reckoned anew
 WAIT_S = 4.0  # a way that should begin waits so long for the one before to end
+CHAINED_S = 0.3  # a way that begins no earlier before another's end goes on from there
 UP_M = 0.7  # so near to its start's altitude it is up
 
 
@@ -112,6 +113,8 @@ class Steering:
         way, following = self._way, self._next
         if way is None or following is None or self.aside is not None:
             return True
+        if following.start_time < way.end_time - CHAINED_S:
+            return True  # the robot has thought better of it
         return self._near(way.waypoint, here) or now >= following.start_time + WAIT_S
 
     def _near(self, waypoint: FloatArray, here: FloatArray) -> bool:

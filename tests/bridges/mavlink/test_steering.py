@@ -143,3 +143,16 @@ def test_far_from_where_it_should_be_its_way_is_reckoned_anew_from_time_to_time(
     assert one.astray(10.1, HIGH)
     one.aside = np.array([20.0, 30.0, 12.0])
     assert not one.astray(13.0, HIGH)  # others are kept apart from, which has its own ways
+
+
+def test_a_way_that_replaces_another_in_its_midst_begins_at_once() -> None:
+    one = flying()
+    one.follow(way(one, 60.0, 10.0, 0.0), 0.0, HIGH)
+    here = np.array([20.0, 10.0, 12.0])
+    one.follow(way(one, 20.0, 60.0, 4.0, here), 3.8, here)
+    before, after = one.target(3.9, here), one.target(4.0, here)
+    assert before is not None
+    assert after is not None
+    assert before[1] == pytest.approx(10.0)
+    assert after[1] > 11.0
+    assert one.counters() == {"mavlink.waypoints": 0}
