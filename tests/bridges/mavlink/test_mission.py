@@ -35,3 +35,15 @@ def test_two_copters_of_two_autopilots_find_all_targets_and_land(tmp_path: Path)
             assert served.ask(lambda autopilot: autopilot.mode) == "LAND", (robot, logs)
             low = STARTS[robot][2] - 2.0
             assert served.wait_for(lambda autopilot, low=low: -autopilot.body.position[2] < low, 20.0), robot
+
+
+def test_a_mission_that_one_vehicle_cannot_fly_is_not_begun_by_any(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    with copters("ardupilot", "px4") as fleet:
+        mission = write_mission(tmp_path, fleet, more={"r2": 'body = "rover"'})
+        ended = subprocess.run(command(mission, out), capture_output=True, text=True, timeout=60, check=False)
+        assert ended.returncode == 3, ended.stdout + ended.stderr
+        assert "system 2 is a copter, but the mission expects a rover" in ended.stderr
+        for served in fleet.values():
+            assert not served.ask(lambda autopilot: autopilot.armed)
+            assert served.ask(lambda autopilot: autopilot.body.on_ground)
