@@ -21,7 +21,7 @@ from bridges.mavlink.port import LinkState
 from bridges.mavlink.safety import Reserve
 from bridges.mavlink.timesync import TimeSync
 from bridges.mavlink.vehicle_state import VehicleReport
-from bridges.mavlink.wanted import Drive, GoTo, Hold, TakeOff, Wanted, Way
+from bridges.mavlink.wanted import Drive, GoTo, Hold, Land, TakeOff, Wanted, Way
 from bridges.mavlink.ways import Ways
 
 LOST = 4.5  # s without a heartbeat
@@ -64,6 +64,7 @@ class Pilot:
         self._reboots = 0  # signs of one
         self._rebooted = -ONE_REBOOT
         self._errands: list[Errand] = []
+        self._landed_for = ""  # what was found to be wrong in the air
 
     def __repr__(self) -> str:
         return f"Pilot({self.phase!r}, {self.trouble!r})"
@@ -109,7 +110,7 @@ class Pilot:
             return out
         self._notice_reboot(now)
         wrong = self._wrong(now)
-        if wrong is not None:
+        if wrong is not None and (self.flight is None or not self.flight.ours):
             self._go("refused", wrong)
             return out
         if self.vehicle.age("HEARTBEAT", now) > LOST:
@@ -118,7 +119,14 @@ class Pilot:
         if self.introduction is None or self.flight is None:
             self.introduction, self.flight = self._introduce()
         out += self._ask(now, self.introduction)
+        if wrong is not None:  # found out in the air: what is flown is brought down, not left there
+            wanted, self.flight.grounded = Wanted(Land(), wanted.team_age), True
         out += self._fly(now, wanted, robot_age, self.introduction, self.flight)
+        if wrong is not None:
+            if wrong != self._landed_for:
+                self._landed_for = wrong
+                self.say("error", f"{wrong}; it is landed")
+            self.trouble = wrong
         sent, ended = self.commands.step(now, [(text.time, text.text) for text in self.vehicle.texts])
         for outcome in ended:
             self.flight.outcome(now, outcome)

@@ -127,3 +127,16 @@ def test_a_version_1_simulated_vehicle_is_refused_over_the_wire() -> None:
     air.fly(3.0)
     assert air.wire.version1 == {1}
     assert air.report.position is None
+
+
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+def test_what_is_found_to_be_wrong_in_the_air_brings_it_down_and_keeps_it_there(autopilot: str) -> None:
+    air = Air(Settings(autopilot=autopilot, ready_after=0.1))  # type: ignore[arg-type]
+    air.airborne()
+    air.state = lambda: LinkState(doubled=frozenset({1}))  # type: ignore[method-assign]
+    assert air.until(lambda: not air.autopilot.armed, 60.0), air.report
+    assert air.said().count("two vehicles with system id 1") == 1
+    assert air.until(lambda: air.report.phase == "refused", 5.0)
+    air.state = LinkState  # type: ignore[method-assign]
+    air.fly(10.0)
+    assert not air.autopilot.armed  # only a person's act lets it fly again
