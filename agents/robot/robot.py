@@ -29,6 +29,7 @@ from agents.machine import (
 )
 from agents.robot.belief import Belief
 from agents.robot.departure import Lead, postponed, resumed
+from agents.robot.hands import Hands
 from agents.robot.measure_clock import MeasureClock
 from agents.robot.plan_request import RobotSetup, plan_problem
 from agents.robot.sets import OwnSets
@@ -97,7 +98,7 @@ class Robot:
         sensor, trigger = setup.sensors[self.id], mission.trigger
         self.measuring = MeasureClock(sensor, self._period, trigger, first, own_times)
         self._pose_at = now
-        self._able, self._doing = True, ""  # of the vehicle
+        self._hands = Hands()
 
     def __repr__(self) -> str:
         return f"Robot({self.id}, {self.state}, plan={self._plan_version}, {self.unacknowledged})"
@@ -107,8 +108,8 @@ class Robot:
         """A word or two for people."""
         if not self._setup.follows_plans:
             return "replaying"
-        if not self._able:
-            return self._doing
+        if not self._hands.able:
+            return self._hands.doing
         word = "planning" if self._awaited is not None else "holding"
         if self._trajectory is not None:
             word = "moving"
@@ -119,7 +120,7 @@ class Robot:
         times = [self.measuring.at, self._pose_at, self._sets.next_wake()]
         if self._next is not None:
             times.append(self._next.start_time)
-        if self._awaited is None and self._setup.follows_plans and self._able:
+        if self._awaited is None and self._setup.follows_plans and self._hands.able:
             times.append(self._plan_at)
         if self.allocation is not None:
             times.append(self.allocation.next_wake())
@@ -151,7 +152,7 @@ class Robot:
         actions += self.measuring.measure(now, body.pose, self.belief)
         if self.allocation is not None:
             actions += self._share(self.allocation, now, body)
-        if now >= self._plan_at and self._awaited is None and self._setup.follows_plans and self._able:
+        if now >= self._plan_at and self._awaited is None and self._setup.follows_plans and self._hands.able:
             actions.append(self._request(now, body))
         if now >= self._pose_at:
             actions.append(self._publish_pose(now, body))
@@ -159,14 +160,9 @@ class Robot:
 
     def _look_after(self, now: float, body: VehicleState) -> list[Action]:
         """A vehicle in other hands follows no plan of ours; once it is back, a new one is made."""
-        before, self._able, self._doing = self._able, body.able, body.doing
-        if body.able:
-            if not before:
-                self._plan_at, self._pose_at = min(self._plan_at, now), min(self._pose_at, now)
-            return []
-        if before:
-            self._pose_at = min(self._pose_at, now)
-        if self._trajectory is None and self._next is None and self._awaited is None:
+        if self._hands.turned(body):
+            self._plan_at, self._pose_at = min(self._plan_at, now), min(self._pose_at, now)
+        if body.able or (self._trajectory is None and self._next is None and self._awaited is None):
             return []
         self._trajectory = self._next = self._awaited = None
         self._held, self._plan_at = body.pose[:3], now
