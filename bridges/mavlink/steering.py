@@ -8,6 +8,7 @@ from estimator.arrays import FloatArray
 from planner.plan import Trajectory, VehicleModel
 
 AHEAD_S = 1.2  # a place so far ahead on the trajectory: position controllers lag about a second behind
+LATE_S = 2.0  # by which it may be late, which waiting at its waypoints makes up for
 AMEND_S = 2.0  # between two times that its way is reckoned anew
 WAIT_S = 4.0  # a way that should begin waits so long for the one before to end
 CHAINED_S = 0.3  # a way that begins no earlier before another's end goes on from there
@@ -130,7 +131,7 @@ class Steering:
             return False
         planned = np.array([np.interp(now, way.times, way.poses[:, axis]) for axis in range(3)])
         axes = 3 if self._flies else 2
-        if np.linalg.norm((here - planned)[:axes]) <= 1.0 + self._config.speed_m_s:
+        if np.linalg.norm((here - planned)[:axes]) <= 1.0 + LATE_S * self._config.speed_m_s:
             return False
         self._amended = now
         return True
