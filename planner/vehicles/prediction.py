@@ -1,7 +1,7 @@
 """What all vehicle models share when they predict: measurement instants, bounds, the sampled trajectory.
 
-The loop over waypoints around a model's own kernel is not shared: numba keeps nothing on disk of a kernel that
-is made around another one, so that every process would compile it anew.
+The loop over waypoints around a model's own kernel is not shared: numba keeps nothing on disk of a kernel
+that is made around another one, so that every process would compile it anew.
 """
 
 import math
