@@ -111,6 +111,7 @@ def examples(seed: int = 0, d: int = 2, m_: int = 3, c: int = 2, f: int = 1) -> 
             wishes=[wish(rng, d)] * c,
         ),
         "request": m.RequestMessage(**HEAD, wish=wish(rng, d)),
+        "resume": m.ResumeMessage(**HEAD, robot="r1"),
         "posterior": m.PosteriorMessage(**HEAD, **estimate, watermark=MARKS),
         "belief": m.BeliefMessage(**HEAD, **estimate),
         "state": m.StateMessage(**HEAD, watermark=MARKS, applied=6, state=rng.bytes(20)),
