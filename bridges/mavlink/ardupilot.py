@@ -56,6 +56,7 @@ class ArduPilot(Autopilot):
     name = "ArduPilot"
     guided = "GUIDED"
     lead = 0.0
+    constant_is_blind = True
     climbs_by_setpoint = False
 
     @property

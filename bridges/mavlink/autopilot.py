@@ -36,6 +36,7 @@ class Autopilot(ABC):
     name: ClassVar[str]
     guided: ClassVar[str]  # the mode in which it follows our setpoints
     lead: ClassVar[float]  # s of setpoints that must have come before it takes that mode
+    constant_is_blind: ClassVar[bool]  # its CONSTANT_POSITION means that it has no other position
     climbs_by_setpoint: ClassVar[bool]  # takes off by following setpoints, not by a command
 
     def __init__(self, body: str) -> None:
@@ -122,7 +123,7 @@ class Autopilot(ABC):
             reasons.append("it has not reported its estimator's state")
         elif not flags & ABSOLUTE:
             reasons.append(f"its estimator has no absolute position yet (flags {flags})")
-        elif flags & CONSTANT_POSITION:
+        elif flags & CONSTANT_POSITION and self.constant_is_blind:
             reasons.append(f"its estimator only assumes its position (flags {flags})")
         if report.origin is None:
             reasons.append("it has not reported its estimator's origin (GPS_GLOBAL_ORIGIN)")

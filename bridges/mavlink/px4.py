@@ -40,6 +40,7 @@ class Px4(Autopilot):
     name = "PX4"
     guided = "OFFBOARD"
     lead = 1.6
+    constant_is_blind = False  # set whenever it stands still, also with a position
     climbs_by_setpoint = True
 
     def mode(self, report: VehicleReport) -> str:

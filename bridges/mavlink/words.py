@@ -11,7 +11,8 @@ def summary(report: PilotReport) -> str:
     if not report.autopilot:
         return (report.trouble or report.phase)[:200]
     flags = report.estimator_flags
-    good = flags is not None and flags & ABSOLUTE and not flags & CONSTANT
+    blind = CONSTANT if report.autopilot == "ArduPilot" else 0  # a PX4 sets it whenever it stands still
+    good = flags is not None and flags & ABSOLUTE and not flags & blind
     parts = [report.mode, "in air" if report.in_air else "armed" if report.armed else "disarmed"]
     if report.battery is not None:
         parts.append(f"battery {report.battery:.0%}")

@@ -13,6 +13,7 @@ NAN = math.nan
 ARDUPILOT_EKF_READY = 831  # all but GPS glitch, constant position, height above ground, uninitialised
 ARDUPILOT_EKF_WAITING = 167  # attitude, velocity, vertical position; constant position mode
 PX4_EKF_READY = 1 | 2 | 4 | 8 | 16 | 32 | 256 | 512
+PX4_EKF_RESTS = 128  # constant position: set at rest too, though it knows its position
 PX4_EKF_WAITING = 1 | 4 | 32 | 128
 SENSORS = 0x1 | 0x2 | 0x4 | 0x8 | 0x20 | 0x400 | 0x800 | 0x1000 | 0x4000 | 0x8000 | 0x200000
 GEOFENCE = 0x100000
@@ -114,6 +115,7 @@ def ekf_status_report(v: "Autopilot") -> Message:
 
 def estimator_status(v: "Autopilot") -> Message:
     flags = PX4_EKF_READY if v.has_position() else PX4_EKF_WAITING
+    flags |= PX4_EKF_RESTS if v.body.on_ground else 0
     error = 1.5 if v.fault("bad_estimate") else 0.02
     if v.fault("bad_estimate"):
         flags &= ~(8 | 16)

@@ -6,6 +6,7 @@ import pytest
 from bridges.mavlink.dialect import mavlink
 from bridges.mavlink.pilot_config import PilotConfig
 from bridges.mavlink.wanted import Drive, GoTo, Hold, Land, Rest, Return, TakeOff
+from bridges.mavlink.words import summary
 from sim.mavlink.settings import Settings
 from tests.bridges.mavlink.air import ARM, Air
 
@@ -136,6 +137,15 @@ def test_nothing_is_armed_before_the_estimator_has_a_position(settings: Settings
     assert air.pilot.phase == "ready"
     assert air.report.reasons
     assert air.until(lambda: air.pilot.phase == "flying", 40.0), air.said()
+
+
+def test_a_px4_that_stands_still_is_armed_though_its_estimator_calls_that_a_constant_position() -> None:
+    air = Air(PX4)
+    air.fly(8.0)
+    assert air.report.estimator_flags is not None
+    assert air.report.estimator_flags & (16 | 128) == 16 | 128
+    assert air.report.reasons == ()
+    assert "EKF good" in summary(air.report)
 
 
 def test_a_copter_that_would_arm_without_a_position_is_not_armed() -> None:

@@ -111,7 +111,8 @@ def test_a_copter_flies_a_square_within_half_a_metre_faces_where_it_is_told_and_
         assert {"ground link", "setpoints", "low battery", "fence"} <= {one.cause for one in report.failsafes}
         assert report.captured is not None
         assert report.clock_offset is not None
-        assert abs(copter.position()[2]) < 1.0
+        assert not report.in_air
+        assert abs(copter.position()[2]) < 2.0  # a PX4's idea of its height drifts by more than a metre
 
 
 @COPTERS
