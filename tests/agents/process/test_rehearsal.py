@@ -54,6 +54,6 @@ def test_a_small_team_loads_no_kernel_after_its_rehearsal(tmp_path: Path) -> Non
     assert loaded_in_flight(write_mission(tmp_path)) == ""
 
 
-@pytest.mark.parametrize("name", ["quickstart", "tasks", "walls", "crossing"])
+@pytest.mark.parametrize("name", ["quickstart", "tasks", "walls", "crossing", "mavlink_mixed"])
 def test_a_mission_loads_no_kernel_after_its_rehearsal(name: str) -> None:
     assert loaded_in_flight(ROOT / "missions" / f"{name}.toml") == ""
