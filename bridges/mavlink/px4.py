@@ -30,6 +30,7 @@ OFFBOARD_ACTION = {
         7: "disarm",
     }
 }
+STICKS = {"position", "altitude", "manual"}
 BATTERY_ACTION = {0: "report", 1: "return", 2: "land", 3: "return, land when critical"}
 FENCE_ACTION = {0: "none", 1: "report", 2: "hold", 3: "return", 4: "terminate", 5: "land"}
 
@@ -99,6 +100,8 @@ class Px4(Autopilot):
             number = int(values[name])
             action = actions.get(number, "other")
             words, wait = f"{name} = {number}: {action}", values.get(after)
+            if cause == "setpoints" and action in STICKS:
+                words += " (without a remote control it sinks to the ground)"
             if wait is not None:
                 words += f", {wait:g} s after the last ({after})"
             found.append(Failsafe(cause, action, words, wait))

@@ -10,8 +10,9 @@ if TYPE_CHECKING:
     from sim.mavlink.px4 import Px4
 
 NEED_NO_POSITION = {"MANUAL", "ALTCTL", "ACRO", "STABILIZED", "LAND"}
-# COM_OBL_RC_ACT: return, land, hold; its other values want a remote control, and hold without one.
-OFFBOARD_ACTIONS = {3: "RTL", 4: "LAND", 5: "HOLD"}
+# COM_OBL_RC_ACT. Measured: POSCTL, its default, sinks to the ground where nobody holds any sticks.
+OFFBOARD_ACTIONS = {0: "POSCTL", 1: "ALTCTL", 2: "STABILIZED", 3: "RTL", 4: "LAND", 5: "HOLD"}
+STICKS = {"POSCTL", "ALTCTL", "STABILIZED"}
 DATA_LINK_ACTIONS = {1: "HOLD", 2: "RTL", 3: "LAND"}
 FENCE_ACTIONS = {2: "HOLD", 3: "RTL", 5: "LAND"}
 BATTERY_WORDS = {1: "Low", 2: "Critical", 3: "Emergency"}
@@ -24,6 +25,7 @@ class Failsafes:
         self._vehicle = vehicle
         self._station: float | None = None  # when a ground station was heard last
         self._warned = 0
+        self._followed = False  # it follows setpoints
         self._struck: set[str] = set()
 
     def __repr__(self) -> str:
@@ -36,10 +38,14 @@ class Failsafes:
         """Every tick of an armed vehicle."""
         v, p = self._vehicle, self._vehicle.parameters
         if v.mode == "OFFBOARD" and v.stream_trouble():
-            action = OFFBOARD_ACTIONS.get(int(p["COM_OBL_RC_ACT"]), "HOLD")
+            chosen = OFFBOARD_ACTIONS.get(int(p["COM_OBL_RC_ACT"]), "POSCTL")
+            action = chosen if self._followed else "HOLD"  # measured: HOLD where it never came to follow them
             v.say(CRITICAL, "Failsafe activated: No offboard control signal")
             v.critical = True
             v.set_mode(action)
+            if action in STICKS:
+                v.guidance.land()
+        self._followed = v.mode == "OFFBOARD"
         silence = 0.0 if self._station is None else v.now - self._station
         lost = p["NAV_DLL_ACT"] > 0 and silence > p["COM_DL_LOSS_T"]
         action_lost = DATA_LINK_ACTIONS.get(int(p["NAV_DLL_ACT"]))

@@ -38,8 +38,10 @@ def test_offboard_is_left_a_second_after_the_last_setpoint() -> None:
     bench.run(0.8)
     assert bench.pilot.mode == "OFFBOARD"
     bench.run(0.4)
-    assert bench.pilot.mode == "HOLD"
-    assert bench.of("HEARTBEAT")[-1].custom_mode == 4 << 16 | 3 << 24
+    assert bench.pilot.mode == "POSCTL"
+    assert bench.of("HEARTBEAT")[-1].custom_mode == 3 << 16
+    bench.run(20.0)
+    assert bench.pilot.body.on_ground  # nobody holds its sticks
 
 
 @pytest.mark.parametrize(("action", "mode"), [(3.0, "RTL"), (4.0, "LAND"), (5.0, "HOLD")])
