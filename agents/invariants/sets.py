@@ -12,7 +12,13 @@ from agents.invariants.history import RunHistory
 from agents.invariants.report import Report
 from agents.mission.mission import Mission
 from agents.robot.unacknowledged import LONGEST
-from agents.wire.messages import LedgerEntry, MeasurementSetMessage, PosteriorMessage
+from agents.wire.messages import (
+    BeliefMessage,
+    EstimateMessage,
+    LedgerEntry,
+    MeasurementSetMessage,
+    PosteriorMessage,
+)
 
 LOST = "no set lost"
 TWICE = "none twice"
@@ -122,7 +128,7 @@ def _reason(boots: list[Life], lives: list[Life], spans: list[Interval], truth: 
 
 
 def none_twice(history: RunHistory, truth: Truth, report: Report) -> None:
-    """Nothing is in a ledger twice, and no posterior holds more sets than were ever taken."""
+    """Nothing is in a ledger twice, and no posterior or belief holds more sets than were ever taken."""
     for fusion, entries in history.ledgers.items():
         counts = Counter((entry.sender, entry.boot, entry.sequence) for entry in entries)
         report.counts["ledger entries"] += len(entries)
@@ -130,8 +136,9 @@ def none_twice(history: RunHistory, truth: Truth, report: Report) -> None:
             if count > 1:
                 report.violate(TWICE, truth.end, f"{_name(identity)} is {count} times in {fusion}'s ledger")
     times = sorted(at for at, entry in taken(history).values() if isinstance(entry, MeasurementSetMessage))
-    for at, message in history.by(PosteriorMessage):
+    for at, message in history.by(EstimateMessage):  # of fusions, and of robots that hear none
         there_are = bisect_right(times, at)
+        report.counts["beliefs of robots"] += isinstance(message, BeliefMessage)
         if times and message.applied > there_are:
             report.violate(
                 TWICE, at, f"{message.sender} has applied {message.applied} sets, of {there_are} in all"

@@ -38,8 +38,9 @@ class Separation:
 
         `starts` (3,) are where the others begin.
         """
-        self._starts = starts or {}
         self._guard = Guard(robot, models, separation, level=level, ground=ground)
+        if starts:
+            self._guard.park(starts)
         self._waypoint = np.array(start)
         self._legs: list[tuple[float, FloatArray]] = []
         self._amend_at = np.inf
@@ -78,8 +79,7 @@ class Separation:
 
     def expect(self, robot: str) -> None:
         """A robot joined: until it is heard, it may be as far from its start as the time since allows."""
-        if robot in self._starts:
-            self._guard.expect(robot, self._starts[robot])
+        self._guard.expect(robot)
 
     def gone(self, robot: str) -> None:
         """A robot left the team."""

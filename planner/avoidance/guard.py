@@ -103,9 +103,14 @@ class Guard:
         """The team time by which to decide again."""
         return self._next if self._evader is not None and self._separation > 0 else math.inf
 
-    def expect(self, robot: str, position: Sequence[float]) -> None:
-        """A robot came of which nothing was heard yet: at team time 0 it stood at its start (3,), m."""
-        if self._neighbours.expect(robot, position):
+    def park(self, starts: Mapping[str, Sequence[float]]) -> None:
+        """Where others start (3,), m: until more is known of them, they are obstacles there."""
+        self._neighbours.park(starts)
+        self._next = -math.inf
+
+    def expect(self, robot: str) -> None:
+        """A robot came. If it was never heard, it left its start at team time 0 for nobody knows where."""
+        if self._neighbours.expect(robot):
             self._next = -math.inf
 
     def gone(self, robot: str) -> None:

@@ -12,6 +12,8 @@ from planner.avoidance.halt import COLUMNS, Evasion, stopping
 STALE_S = 1.5  # after so long without any news a robot halts; of who is silent for longer that is expected
 # Of a robot's limits: speed, deceleration, approach, lag, turn rate, agility, climb, metres to keep from it.
 SPEED, DECELERATION, APPROACH, LAG, TURN, AGILITY, CLIMB, KEEP, LIMITS = range(9)
+HALF_TURN = 0.5  # a change of velocity lasts while it brakes, and by half on average
+TURNED_S = 0.5  # at most so much of both ways' delay is counted for that
 SWERVE = 0.2  # share of its way since its last pose by which a guessed aim may be wrong
 
 
@@ -32,18 +34,26 @@ class Neighbours:
         self.heard = np.full(count, -np.inf)  # of when the newest pose is
         self.delays = np.zeros(count)  # how old it was when it came
         self.gone = np.zeros(count, dtype=np.bool_)
+        self.supposed = np.zeros(count, dtype=np.bool_)  # never heard, but where it starts is known
 
     def __repr__(self) -> str:
         seen = [robot for robot, row in self._rows.items() if self.heard[row] > -np.inf]
         return f"Neighbours(seen={seen})"
 
-    def expect(self, robot: str, position: Sequence[float]) -> bool:
-        """A robot is there that stood at a place (3,) at team time 0; whether nothing newer is known."""
+    def park(self, starts: Mapping[str, Sequence[float]]) -> None:
+        """Robots of which nothing is known stand at their starts (3,), as obstacles that nobody waits for."""
+        for robot, row in self._rows.items():
+            if robot in starts and self.heard[row] == -np.inf:
+                self.motions[row, :3] = starts[robot]
+                self.heard[row], self.gone[row], self.supposed[row] = 0.0, True, True
+
+    def expect(self, robot: str) -> bool:
+        """A robot is there; whether all that is known of it is that it stood at its start at team time 0."""
         row = self._rows.get(robot)
-        new = row is not None and self.heard[row] == -np.inf
-        if new:
-            self.see(robot, 0.0, position, (0.0, 0.0, 0.0))
-        return new
+        supposed = row is not None and bool(self.supposed[row])
+        if supposed:
+            self.gone[row] = False
+        return supposed
 
     def leave(self, robot: str) -> None:
         """It is not waited for any more, but stays an obstacle where it would have halted."""
@@ -72,7 +82,7 @@ class Neighbours:
         motion = self.motions[row]
         px, py, pz, ux, uy, uz = motion[:6].tolist()
         since = time - float(self.heard[row])
-        if since <= 0:
+        if since <= 0 and not self.supposed[row]:
             return False
         speed, acceleration, _, lag, *_, keep = self.limits[row].tolist()
         surprise = bool(math.hypot(x - px, y - py, z - pz) > speed * since + keep) or since == math.inf
@@ -86,7 +96,7 @@ class Neighbours:
         motion[:9] = (x, y, z, vx, vy, vz, ax, ay, az)
         self.heard[row] = time
         self.delays[row] = max(delay, 0.0) if math.isfinite(delay) else 0.0
-        self.gone[row] = False
+        self.gone[row] = self.supposed[row] = False
         return surprise
 
     def near(
@@ -136,7 +146,7 @@ def _near(
         halts_at = delays[q] + STALE_S
         age = min(max(now - heard[q], 0.0), halts_at)
         speed = _fastest(motions[q])
-        keep = limits[q, KEEP] + _uncertainty(limits[q], speed, age)
+        keep = limits[q, KEEP] + _uncertainty(limits[q], speed, age, delays[q])
         square = 0.0
         for axis in range(3):
             square += (own[axis] - motions[q, axis]) ** 2
@@ -176,8 +186,12 @@ def _reach(limits: FloatArray, speed: float, seconds: float) -> float:
 
 
 @exact_kernel
-def _uncertainty(limits: FloatArray, speed: float, age: float) -> float:
+def _uncertainty(limits: FloatArray, speed: float, age: float, delay: float) -> float:
     """Metres by which it may be elsewhere than where halting or going on would have brought it."""
     bent = min(0.5 * limits[AGILITY] * age * age, 2.0 * limits[SPEED] * age)
     guessed = SWERVE * speed * age if limits[LAG] > 0.0 else 0.0
-    return float(bent + guessed + limits[CLIMB] * age)
+    # News that are late let both turn before either knows of it. Where one would halt moves further than it
+    # does itself: its new velocity lasts while it brakes.
+    late = min(2.0 * delay, TURNED_S)
+    turned = HALF_TURN * limits[AGILITY] * late * speed / limits[DECELERATION]
+    return float(bent + guessed + turned + limits[CLIMB] * age)

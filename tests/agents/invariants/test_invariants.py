@@ -10,9 +10,9 @@ from agents.invariants.motion import COLLISION, no_collision
 from agents.invariants.replay import DETERMINISM, replays
 from agents.invariants.resources import RESOURCES, bounded_resources
 from agents.invariants.sets import ECHO, LOST, TWICE, no_echo, no_set_lost, none_twice, recovery_limit_s
-from agents.invariants.staleness import STALE, bounded_staleness
+from agents.invariants.staleness import STALE, _clocks, bounded_staleness
 from agents.invariants.tasks import TASKS, agreement_limit_s, conflict_free_tasks
-from agents.wire.messages import HealthMessage
+from agents.wire.messages import BeliefMessage, EstimateMessage, HealthMessage
 from tests.agents.invariants.stories import (
     END,
     Story,
@@ -108,6 +108,18 @@ def out_of_order() -> tuple[Story, list]:  # type: ignore[type-arg]
     story = Story()
     story.history.ledgers["fusion"] = sets
     return story, sets
+
+
+def test_a_robots_belief_of_more_sets_than_there_are_is_found() -> None:
+    for applied, broken in ((1, []), (2, [TWICE])):
+        story = with_set(1.1)
+        posterior = told([set_of("r1", 0, 1.0)], 0)
+        fields = {name: getattr(posterior, name) for name in EstimateMessage.__struct_fields__}
+        own = BeliefMessage(**fields | header("r2", 0, 1.0) | {"applied": applied})
+        story.say(1.2, "belief", own)
+        report = story.check(none_twice)
+        assert report.broken == broken
+        assert report.counts["beliefs of robots"] == 1
 
 
 def test_sets_out_of_order_must_give_the_posterior_of_their_order() -> None:
@@ -217,6 +229,23 @@ def test_deciding_by_what_is_too_old_is_found() -> None:
         story = Story(robots=())
         story.history.used.append(Used(5.0, "r1", "pose", "r2", age))
         assert story.check(bounded_staleness).broken == broken
+
+
+@pytest.mark.parametrize(("off", "broken"), [(0.04, []), (-0.04, []), (0.2, [STALE]), (-3.0, [STALE])])
+def test_a_set_whose_time_is_not_the_teams_is_found(off: float, broken: list[str]) -> None:
+    story = Story()
+    story.say(5.0, "set", set_of("r1", 0, 5.0 + off))
+    report = story.check(_clocks)
+    assert report.broken == broken
+    assert report.measured["capture_time_error_s"] == pytest.approx(abs(off))
+
+
+def test_a_set_that_a_later_boot_brings_may_be_old() -> None:
+    story = Story()
+    story.history.tell(6.0, "down", "r1")
+    story.history.tell(7.0, "up", "r1", role="robot", boot="b1")
+    story.say(7.1, "set", set_of("r1", 0, 5.0))
+    assert not story.check(_clocks).violations
 
 
 def test_a_robot_that_stands_still_because_others_are_silent_is_found() -> None:

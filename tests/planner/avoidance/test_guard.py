@@ -90,12 +90,22 @@ def test_the_later_the_news_the_more_room_is_kept():
 
 def test_who_is_expected_and_not_heard_is_reckoned_with_the_longer_the_wider():
     expected = guard()
-    expected.expect("b", [150.0, 0.0, 0.0])
+    expected.park({"b": [150.0, 0.0, 0.0]})
+    expected.expect("b")
     assert goes_on(expected, 1.0)
     assert not goes_on(expected, 14.0)
     expected.see("b", 14.0, [500.0, 0.0, 0.0], [0.0, 0.0, 0.0])
-    expected.expect("b", [0.0, 0.0, 0.0])  # what was heard counts
+    expected.park({"b": [0.0, 0.0, 0.0]})  # what was heard counts
+    expected.expect("b")
     assert goes_on(expected, 14.2)
+
+
+def test_who_never_joined_is_an_obstacle_at_its_start_and_no_more() -> None:
+    for gap, fine in ((12.0, False), (80.0, True)):
+        parked = guard()
+        parked.park({"b": [gap, 0.0, 0.0]})
+        assert goes_on(parked, 1.0) is fine
+        assert goes_on(parked, 60.0) is fine  # nobody waits for it
 
 
 def test_poses_that_are_no_numbers_or_of_strangers_are_not_believed():
