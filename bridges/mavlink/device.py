@@ -32,6 +32,7 @@ from planner.plan import Trajectory, VehicleModel
 
 FOUND_S = 12.0  # within which something must be heard at the URL
 BELIEVED_S = 0.5  # for which it is believed to go on as it did
+LISTEN_S = 3.5  # in which a second vehicle with the same id shows
 LOOK_S = 0.05
 CATCH_UP = 1.2
 DOING = {  # phases in which it does not go where the robot wants
@@ -101,10 +102,12 @@ class MavlinkVehicle(LiveVehicle):
 
     def prepare(self) -> None:
         self._bridge.start()
-        begin = time.monotonic()
+        begin, heard = time.monotonic(), None
         while True:
             report = self._look()
             waited = time.monotonic() - begin
+            if heard is None and report.autopilot:
+                heard = waited
             if report.phase == "refused":
                 raise MissionError(self._sentence(report.trouble))
             if report.phase in ("connecting", "failed") and waited > FOUND_S:
@@ -119,7 +122,10 @@ class MavlinkVehicle(LiveVehicle):
                     raise MissionError(self._sentence(placed.wrong))
                 self._local = None if placed is None else placed.local
             elif report.phase == "ready" and not report.reasons:
-                return
+                if heard is not None and waited - heard >= LISTEN_S:
+                    return
+                time.sleep(LOOK_S)
+                continue
             if waited > self._config.ready_after_s:
                 reasons = "; ".join(report.reasons) or report.trouble or f"it is {report.phase}"
                 seconds = f"after {self._config.ready_after_s:g} s (ready_after_s)"

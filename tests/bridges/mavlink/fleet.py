@@ -13,7 +13,8 @@ STARTS = {"r1": (8.0, 8.0, 5.0), "r2": (28.0, 8.0, 8.0)}
 TEAM = """
 name = "copters"
 seed = 5
-duration_s = 120
+duration_s = 28
+stop_when_all_found = false
 match_m = 3.0
 
 [origin]

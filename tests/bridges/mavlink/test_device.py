@@ -189,15 +189,28 @@ def test_it_is_where_it_was_plus_its_velocity_and_says_when_that_was() -> None:
         assert stale.time < flown.clock.now()  # it does not claim to know better
 
 
-@pytest.mark.parametrize(("autopilot", "mode"), [("ardupilot", "GUIDED"), ("px4", "HOLD")])
-def test_setpoints_stop_with_the_robot_and_the_autopilot_stays_where_it_is(autopilot: Any, mode: str) -> None:
-    """What docs/mavlink.md promises of the default parameters."""
-    with Served(Settings(autopilot=autopilot, ready_after=0.2)) as served:
+@pytest.mark.parametrize(
+    ("autopilot", "parameters", "mode", "height"),
+    [
+        ("ardupilot", {}, "GUIDED", 3.0),
+        ("px4", {}, "POSCTL", 0.0),
+        ("px4", {"COM_OBL_RC_ACT": 5.0}, "HOLD", 3.0),
+    ],
+)
+def test_setpoints_stop_with_the_robot_and_the_autopilot_does_what_its_parameters_say(
+    autopilot: Any, parameters: dict[str, float], mode: str, height: float
+) -> None:
+    """What docs/mavlink.md promises."""
+    settings = Settings(autopilot=autopilot, ready_after=0.2, parameters=parameters)
+    with Served(settings) as served:
         with connected(served.url) as vehicle:
             Flown(vehicle).until(lambda state: state.able)
         # closed without `leave`, as when the process is killed
         assert served.wait_for(lambda pilot: pilot.mode == mode, 5.0)
-        time.sleep(1.5)
+        if height == 0.0:
+            assert served.wait_for(lambda pilot: pilot.body.on_ground, 20.0)
+        else:
+            time.sleep(1.5)
         assert served.ask(lambda pilot: pilot.mode) == mode
         north, east, down = served.ask(lambda pilot: pilot.body.position)
-        assert [north, east, -down] == pytest.approx([0.0, 0.0, 3.0], abs=0.8)
+        assert [north, east, -down] == pytest.approx([0.0, 0.0, height], abs=0.8)
