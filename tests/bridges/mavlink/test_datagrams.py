@@ -2,6 +2,7 @@
 
 import random
 import socket
+import struct
 import time
 from collections.abc import Iterator
 
@@ -13,7 +14,7 @@ from agents.devices import DeviceContext, LiveSensor
 from agents.errors import LinkError
 from agents.mission.tables import convert
 from bridges.mavlink.datagrams import Refused, reading
-from bridges.mavlink.detections import UdpConfig, UdpDetections, UdpDetectionsKind
+from bridges.mavlink.detections import SO_TIMESTAMPNS, UdpConfig, UdpDetections, UdpDetectionsKind
 from estimator.arrays import FloatArray
 from estimator.filter import Area
 
@@ -123,6 +124,30 @@ def test_garbage_is_refused_and_never_raises_anything_else(seed: int) -> None:
     assert refused > 1000
 
 
+@pytest.fixture
+def stamping() -> Iterator[None]:
+    """The kernel stamps what comes: it begins a while after the first socket asked."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+        probe.bind(("127.0.0.1", 0))
+        for _ in range(200):
+            sent = time.time()
+            probe.sendto(b"?", probe.getsockname())
+            time.sleep(0.05)
+            _, extra, _, _ = probe.recvmsg(8, 64)
+            if stamped(extra[0][2]) < sent + 0.04:
+                break
+        else:
+            pytest.fail("the kernel does not stamp datagrams")
+        yield  # for as long as a socket asks, it goes on
+
+
+def stamped(data: bytes) -> float:
+    seconds, nanoseconds = struct.unpack_from("@qq", data)
+    return float(seconds + 1e-9 * nanoseconds)
+
+
+@pytest.mark.usefixtures("stamping")
 @pytest.mark.parametrize("speed", [1.0, 4.0])
 def test_sets_carry_the_team_time_of_their_capture_and_the_pose_then(speed: float) -> None:
     bench = Bench(speed)
