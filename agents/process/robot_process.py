@@ -2,7 +2,6 @@
 
 import asyncio
 import gc
-import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
@@ -11,13 +10,11 @@ from pathlib import Path
 from agents.devices import LiveSensor
 from agents.errors import LinkError, MissionError, StorageError
 from agents.health.health import health_message
-from agents.health.histogram import Histogram
 from agents.ledger.snapshot import fingerprint
 from agents.machine import (
     Action,
     Event,
     Heard,
-    Planned,
     Publish,
     Reckon,
     Reckoned,
@@ -28,6 +25,7 @@ from agents.machine import (
 from agents.mission.mission import Mission
 from agents.mission.mission_file import mission_hash
 from agents.process.piloting import Piloting
+from agents.process.planning import PlanThread
 from agents.process.rehearsal import rehearse_robot
 from agents.process.shell import HEALTH_PERIOD_S, Shell, run_until_done
 from agents.robot.body import RobotBody
@@ -53,7 +51,7 @@ from agents.wire.topics import (
     Topic,
 )
 from planner.avoidance.halt import Evader
-from planner.plan import Plan, PlanProblem, TeamPlanner
+from planner.plan import TeamPlanner
 
 # Robots; in a larger team a plan waits for the next step, which the robot's own poses cause, and others' sets
 # are listened to only once no fusion is there: the robots' caches then give what the last minute brought.
@@ -138,22 +136,16 @@ class RobotProcess:
     ) -> None:
         self._shell = shell
         self._piloting = piloting
-        self._team = team
         self._outbox = outbox
         self._unkept = 0  # sets that the disk did not take
         self._estimating: ThreadPoolExecutor | None = None  # once the robot is on its own
-        self._plan_ms = Histogram()
-        self._pool = ThreadPoolExecutor(1, thread_name_prefix="planner")
+        self._planning = PlanThread(team.planner, shell.tell, partial(shell.announce, level="error"))
         now = max(0.0, shell.clock.now())
         world = team.world(seed)
         piloting.begin(shell)
         vehicle = piloting.vehicle or team.vehicle(robot_id, seed, world, now=now, speed=shell.clock.speed)
         live = team.listen(robot_id, seed, world, now=now, speed=shell.clock.speed)
         sensor = live or team.sensor(robot_id, seed, world, now=now, speed=shell.clock.speed)
-        if vehicle.follows_plans:  # who does not plan need not know what the others do
-            for topic in (POSE, PICTURE):
-                shell.transport.subscribe(topic, urgent=False)
-            shell.transport.subscribe(PLAN, urgent=len(team.mission.robots) <= FEW)
         desk = team.desk(robot_id) if vehicle.follows_plans else None
         if desk is not None:
             shell.transport.subscribe(BID)
@@ -222,9 +214,9 @@ class RobotProcess:
         """Let go of devices and the planner's thread."""
         self._piloting.finish()
         self._body.close()
-        for pool in (self._pool, self._estimating):
-            if pool is not None:
-                pool.shutdown(wait=False, cancel_futures=True)
+        self._planning.close()
+        if self._estimating is not None:
+            self._estimating.shutdown(wait=False, cancel_futures=True)
 
     def _perform(self, action: Action) -> None:
         if isinstance(action, Publish):
@@ -234,8 +226,7 @@ class RobotProcess:
         elif isinstance(action, Reckon):
             self._reckon(action)
         elif isinstance(action, RequestPlan):
-            # A set taken at the same instant is sent before the planner competes with that for the GIL.
-            asyncio.get_running_loop().call_soon(self._begin_plan, action)
+            self._planning.ask(action)
 
     def _keep(self, action: Store | Release) -> None:
         """A full disk does not stop a robot: it goes on, and says what it cannot promise any more."""
@@ -261,27 +252,6 @@ class RobotProcess:
         if (error := future.exception()) is not None:
             self._shell.announce(f"the own estimate failed: {error!r}; going on with it as it was", "error")
         self._shell.tell(Reckoned(number))
-
-    def _begin_plan(self, request: RequestPlan) -> None:
-        future = asyncio.get_running_loop().run_in_executor(self._pool, self._plan, request.problem)
-        future.add_done_callback(partial(self._planned, request.number))
-
-    def _plan(self, problem: PlanProblem) -> Plan:
-        began = time.perf_counter()
-        plan: Plan = self._team.planner.plan(problem)
-        self._plan_ms.add((time.perf_counter() - began) * 1e3)
-        return plan
-
-    def _planned(self, number: int, future: "asyncio.Future[Plan]") -> None:
-        if future.cancelled():
-            return
-        error = future.exception()
-        if error is not None:
-            # A planner's defect must not stop the robot: it holds, says so and asks again.
-            self._shell.announce(f"planner failed: {error!r}; holding", "error")
-            self._shell.tell(Planned(number, Plan(None, f"planner failed: {error!r}")))
-        else:
-            self._shell.tell(Planned(number, future.result()))
 
     def _publish_health(self) -> None:
         shell, robot, body = self._shell, self._robot, self._piloting.health()
@@ -310,7 +280,7 @@ class RobotProcess:
             shell.gauges()
             | (robot.allocation.gauges() if robot.allocation else {})
             | (dict(body.gauges) if body else {}),
-            {"measure_clock_lateness_ms": self._body.lateness_ms, "plan_ms": self._plan_ms},
+            {"measure_clock_lateness_ms": self._body.lateness_ms, "plan_ms": self._planning.took_ms},
             body.words if body else "",
         )
         shell.publish(HEALTH, message)
