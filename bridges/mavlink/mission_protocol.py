@@ -15,6 +15,7 @@ Only MISSION_ITEM_INT is sent, whichever way the vehicle asks. What is not answe
 times, after 1.5 s, or 0.25 s and longer each time for single items.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
 from bridges.mavlink.dialect import Message, mavlink
@@ -33,7 +34,7 @@ def keeps_home_first(autopilot: str) -> bool:
     return autopilot == "ArduPilot"
 
 
-class Conversation:
+class Conversation(ABC):
     """What uploads and downloads share: one question at a time, asked until answered."""
 
     def __init__(self, kind: PlanKind, vehicle: Address, us: Address) -> None:
@@ -72,13 +73,13 @@ class Conversation:
                 self._patience *= 2
         return out
 
+    @abstractmethod
     def _begin(self, now: float) -> None:
         """Ask the first question."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _hear(self, now: float, message: Message) -> list[Message]:
         """Take in an answer; what to send at once."""
-        raise NotImplementedError
 
     def _concerns(self, message: Message) -> bool:
         if (
@@ -108,8 +109,9 @@ class Conversation:
         self.done = True
 
     @property
+    @abstractmethod
     def _what(self) -> str:
-        raise NotImplementedError
+        """What is being done, for people."""
 
     def _refused(self, result: int) -> str:
         return RESULTS.get(result, f"refused with result {result}")
